@@ -322,6 +322,7 @@ def test_no_reference_is_advised_at_which_no_command_works(kind, write_robot, ca
     assert "look at tip first" in told.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motors", ["1.27 4.5", "3.1 0"])
 def test_all_modes_are_not_advised_where_none_has_a_pose(capsys, motors):
     """The tips of both arms are farther apart than both rods are long together."""

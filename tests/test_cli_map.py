@@ -18,6 +18,7 @@ from framework.cli import main
 from tests.maps_in_processes import FILES, begun, files, kept
 
 
+@pytest.mark.slow
 def test_a_map_is_told_and_written(document, tmp_path):
     told = document("map", "five_bar", "--scene", "C", "--size", 12, "--quantity", "g", "--out", tmp_path)
     assert sum(told["poses"].values()) == 144

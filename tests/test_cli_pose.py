@@ -93,6 +93,7 @@ def test_what_cannot_be_is_one_line(refusal, arguments, code, words):
     assert words in refusal(code, "pose", "five_bar", *arguments)
 
 
+@pytest.mark.slow
 def test_all_poses_of_the_motors_and_all_ways_to_a_platform(posed, crossing):
     found = posed("three_rpr", "--motors", 0.749, 0.769, 0.6, "--all")["assembly_modes"]
     assert (len(found["modes"]), found["complete"], found["bound"]) == (6, True, 6)

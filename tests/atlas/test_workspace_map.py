@@ -150,6 +150,7 @@ def test_a_pose_that_is_followed_from_the_reference_is_in_the_window_of_a_map(na
         np.testing.assert_allclose(assemble(robot, nearly).x, nearly, atol=1e-9)  # so far it is reached
 
 
+@pytest.mark.slow
 def test_a_map_says_at_which_edges_of_its_window_more_may_be_reached():
     robot = robots.load("biglide")  # its slides have no end
     assert workspace_map(robot, survey_window(robot, size=9), ["g"]).open_edges == ("least y", "largest y")

@@ -221,6 +221,7 @@ def test_the_command_writes_a_table_all_seeds_and_a_figure(tmp_path, capsys):
     assert failed == {(0, int(row["run"])) for row in rows if row["passed"] == "0"}
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_plan_that_was_written(tmp_path, capsys):
     assert main(["plan", "five_bar", "--scene", "C", "--smoothness", "4", "--json"]) == 0
     (tmp_path / "plan.json").write_text(capsys.readouterr().out)

@@ -35,6 +35,7 @@ def share_of_noise(found) -> float:
     return float((found.error_after[driven:] / found.measured.noise[driven:]).max())
 
 
+@pytest.mark.slow
 def test_poses_held_out_are_predicted_to_the_noise():
     nominal = NOMINAL["five_bar"]
     _, _, true = off_by(nominal, 0)
@@ -124,6 +125,7 @@ def test_poses_do_not_change_along_what_is_unseen(name):
         assert np.abs(ahead - back).max() < 1e-12 * nominal.length
 
 
+@pytest.mark.slow
 def test_what_poses_cannot_show_is_named_with_what_would():
     nominal = NOMINAL["five_bar"]
     _, _, true = off_by(nominal, 0)
@@ -136,6 +138,7 @@ def test_what_poses_cannot_show_is_named_with_what_would():
     assert not any(said.startswith("left_elbow.rz") for said in with_elbows.unseen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [("motor_angle", "platform_x"), ("motor_angle", "joint")])
 def test_parts_of_poses_and_loops_alone_calibrate_as_well(columns):
     nominal = NOMINAL["five_bar"]
@@ -144,6 +147,7 @@ def test_parts_of_poses_and_loops_alone_calibrate_as_well(columns):
     assert (found.error_after[2:] < 0.1 * found.error_before[2:]).all()
 
 
+@pytest.mark.slow
 def test_outliers_count_little_and_are_named():
     nominal = NOMINAL["five_bar"]
     _, _, true = off_by(nominal, 0)
@@ -237,6 +241,7 @@ def test_lengths_of_distance_closures_are_calibrated(names, columns, tmp_path):
     np.testing.assert_allclose(lengths, np.add(RODS, found.values), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_numbers_of_the_robot_file_are_calibrated_by_name(tmp_path):
     """Both rods grow with l, and `shift` places the right slide, whose encoder shows an offset."""
     nominal = sliders_with_rods(tmp_path, RODS, ("${l}", "${l + 0.02}"))

@@ -405,6 +405,7 @@ def test_what_cannot_be_identified_from_is_said(change, options, message):
     assert message in str(said.value)
 
 
+@pytest.mark.slow
 def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monkeypatch):
     data = tmp_path / "data.csv"
     true, _ = TRUE["five_bar"]

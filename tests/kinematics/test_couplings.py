@@ -81,6 +81,7 @@ def torque(a: float, da: float, dda: float) -> float:
     return float((inertia * dda + 0.5 * slope * da**2 + weight + 4.0 * DAMPING * da) / GEAR)
 
 
+@pytest.mark.slow
 def test_torques_are_those_of_lagrange_and_the_robot_follows(cardan):
     plan = plan_crossing(cardan, Line([0.3], [0.2]), duration=1.0)
     times = np.linspace(0.1, 0.9, 5)

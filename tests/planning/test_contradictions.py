@@ -163,6 +163,7 @@ def check_refusal(one: Crossing) -> None:
         assert 0.95 < bound / asked.torque_limit / evidence.least.torque_peak < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", with_cheapest([CHEAPEST, 1, 4, 6, 22]))
 def test_limits_below_the_least_peak_are_refused_with_those_that_would_do(k):
     check_refusal(rigid_crossing(k))

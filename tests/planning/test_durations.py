@@ -91,6 +91,7 @@ def test_a_polynomial_within_the_limits_stays():
     assert peak(plan) <= 0.2
 
 
+@pytest.mark.slow
 def test_limits_that_no_law_keeps_are_a_refusal():
     with pytest.raises(NoLaw, match=r"least peak of torque found is .* times the limits"):
         plan_crossing(limited(0.03), LINE, duration=1.5)

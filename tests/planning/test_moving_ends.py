@@ -92,6 +92,7 @@ def test_required_times_are_met_between_moving_ends_by_a_higher_degree():
     assert max(defect.open, defect.acceleration, defect.force) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_start_too_fast_to_brake_is_refused_with_a_speed_that_brakes():
     with pytest.raises(NoLaw, match=r"from s' = 2 1/s, too fast to brake within the limits") as refusal:
         plan_crossing(robot(), PATH, optimize="time", torque_limit=0.02, start_speed=2.0)

@@ -43,6 +43,7 @@ def at_once(case) -> bool:
     return (robot, scene) == ("five_bar", "C") and (law != "optimal" or flexibility == "rigid")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", in_stages(CASES, at_once=at_once))
 def test_a_plan_comes_back_as_it_was(case, tmp_path):
     name, scene, flexibility, law = case

@@ -44,6 +44,7 @@ def along(content: dict[str, Any], key: str, s: float | np.ndarray) -> np.ndarra
     return np.array([chebval(2 * s - 1, column) for column in content["series"][begin:end]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "scene_name"), SCENES)
 def test_torques_of_the_page_are_those_of_the_dynamics_with_and_without_gravity(name, scene_name):
     content = document(name, scene_name)
