@@ -147,12 +147,13 @@ def _continues_map(start: Array, end: Array) -> BoolArray:
     """
     Q, R = np.linalg.qr(start)
     ratio = np.linalg.solve(R, Q.swapaxes(-1, -2) @ end)  # (..., f, f) G_1^+ G_2
-    # eigenvalues are no farther from 1 than the matrix from I: mostly that is near enough
-    is_near = np.asarray(np.linalg.norm(ratio - np.eye(ratio.shape[-1]), axis=(-2, -1)) < 0.5)
-    values = np.linalg.eigvals(ratio[~is_near])  # (others, f)
-    is_positive = values.real > -np.abs(values.imag)
-    continues = is_near.copy()
-    continues[~is_near] = (is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST)).all(axis=-1)
+    # eigenvalues are no farther from 1 than the matrix from I in its Frobenius norm, mostly near enough
+    continues = np.asarray(((ratio - np.eye(ratio.shape[-1])) ** 2).sum(axis=(-2, -1)) < 0.25)
+    others = ~continues
+    if others.any():
+        values = np.linalg.eigvals(ratio[others])  # (others, f)
+        is_positive = values.real > -np.abs(values.imag)
+        continues[others] = (is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST)).all(axis=-1)
     return continues
 
 
