@@ -27,7 +27,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.modes import ModeStates, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, assign, select
+from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
 from framework.tolerances import BRANCHES_CROSS
 
 STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
@@ -103,7 +103,7 @@ def _fill_lattice(
         parts: number of parts into which a step that is not trusted is divided.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
-    # the S poses at which steps may begin or end, and their number, 0 .. S - 1, on the lattice
+    # rows and columns (S, 2) of the poses at which steps may begin or end, and the number of each
     is_near = np.any([wanted, *(_shift_mask(wanted, *direction) for direction in DIRECTIONS)], axis=0)
     places = np.argwhere(is_near)
     numbers = np.cumsum(is_near).reshape(is_near.shape) - 1
@@ -111,31 +111,42 @@ def _fill_lattice(
     states = ModeStates(*(np.empty((len(places), *part.shape[1:])) for part in reference))
     has_state = np.zeros(len(places), dtype=bool)
     while True:
-        # choose one neighbour for each pose
-        filled = np.isfinite(q[..., 0])
-        is_target = np.zeros(reason.shape, dtype=bool)
-        sources = np.zeros((*reason.shape, 2), dtype=np.intp)  # row and column of the neighbour
-        for k, (down, right) in enumerate(DIRECTIONS):
-            chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
-            untried[k] &= ~chosen
-            is_target |= chosen
-            sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
+        is_target, (i, j) = _choose_neighbours(np.isfinite(q[..., 0]), wanted, untried)
         if not is_target.any():
             return
-
-        # step from all of them at once
-        i, j = sources[is_target].T
-        starts = numbers[i, j]
+        starts, targets = numbers[i, j], numbers[is_target]
         new = np.unique(starts[~has_state[starts]])
         if len(new):
             assign(states, new, ModeStates.of(robot, linearised_at(robot, q[tuple(places[new].T)])))
+        # step from all of them at once
         ends = _continue_states(robot, select(states, starts), x[i, j], x[is_target], parts)
         reached = ends.reason == PoseReason.REACHED
-        assign(states, numbers[is_target][reached], select(ends.states, reached))
-        has_state[new] = True
-        has_state[numbers[is_target][reached]] = True
+        assign(states, targets[reached], select(ends.states, reached))
+        has_state[np.append(new, targets[reached])] = True
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
+
+
+def _choose_neighbours(
+    filled: BoolArray, wanted: BoolArray, untried: BoolArray
+) -> tuple[BoolArray, IntArray]:
+    """Choose a filled neighbour for each wanted pose that is not filled and has an untried one.
+
+    Args:
+        filled, wanted: masks (I, J).
+        untried: (4, I, J) neighbours of each pose in DIRECTIONS; those chosen are removed, in place.
+
+    Returns:
+        Mask (I, J) of these poses; rows and columns (2, poses) of their neighbours.
+    """
+    is_target = np.zeros(filled.shape, dtype=bool)
+    sources = np.zeros((*filled.shape, 2), dtype=np.intp)  # row and column of the neighbour
+    for k, (down, right) in enumerate(DIRECTIONS):
+        chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
+        untried[k] &= ~chosen
+        is_target |= chosen
+        sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
+    return is_target, sources[is_target].T
 
 
 def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
