@@ -320,6 +320,7 @@ class _JointBoxes(NamedTuple):
     """Boxes of k joints about the middles of S cells."""
 
     proved: BoolArray  # (S,) to hold one pose for each x of the cell
+    hopeless: BoolArray  # (S,) whether Newton's map does not contract in the box, so in no wider one either
     radii: Array  # (S, k) of the boxes
     image: Array  # (S, k) radii of the box in which the joints are, for all x of the cell
     error: Array  # (S, k) largest distance of the joints from their linear change with x
@@ -356,9 +357,9 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
         bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
+        contracts = _spectral_radius_below_one(bound) & newton.has_inverse
         is_inside = (image < radii).all(axis=1)
-        proved = is_inside & _spectral_radius_below_one(bound) & newton.has_inverse
-        return _JointBoxes(proved, radii, image, error, remainders)
+        return _JointBoxes(is_inside & contracts, ~contracts, radii, image, error, remainders)
 
     return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
 

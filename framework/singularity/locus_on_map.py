@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from framework.errors import InvalidInput
 from framework.kinematics.frames import frames_at
@@ -257,12 +258,10 @@ def _find_minima(g: Array, *, max_minima: int = 24) -> IntArray:
 
     At a minimum |g| is less than at all eight neighbours.
     """
-    from scipy.ndimage import minimum_filter
-
     magnitude = np.where(np.isfinite(g), np.abs(g), np.inf)  # |g|; infinite where a pose is not reached
-    footprint = np.ones((3, 3), dtype=bool)
-    footprint[1, 1] = False  # the pose itself does not count
-    least_beside = minimum_filter(magnitude, footprint=footprint, mode="constant", cval=np.inf)
+    around = sliding_window_view(np.pad(magnitude, 1, constant_values=np.inf), (3, 3))  # (I, J, 3, 3)
+    is_neighbour = np.arange(9).reshape(3, 3) != 4  # all but the pose itself, in the middle
+    least_beside = around.min(axis=(2, 3), initial=np.inf, where=is_neighbour)
     minima = np.argwhere(magnitude < least_beside)  # (minima, 2)
     by_magnitude = np.argsort(magnitude[tuple(minima.T)], kind="stable")
     return minima[by_magnitude[:max_minima]]
