@@ -43,7 +43,7 @@ def read_text(
             raise _UnreadableFile(f"{size} bytes; at most {largest} are read")
         return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
-        reason = "not UTF-8 text"
+        reason = "not UTF-8 text; save it as UTF-8"
     except ValueError:
         reason = "not a file name"
     except OSError as problem:
