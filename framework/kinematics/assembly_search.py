@@ -296,8 +296,8 @@ def _find_nearest_offsets(group: _Group) -> Array:
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
     reference = np.clip(0.0, group.lower, group.upper)
-    # half a turn, or a length of the robot; within limits up to a turn, or ten lengths
-    half_range = np.where(turning, np.where(limited, 2.0, 1.0) * np.pi, np.where(limited, 10.0, 1.0))
+    # half a turn, or a length of the robot; within limits up to two turns, or ten lengths
+    half_range = np.where(turning, np.where(limited, 4.0, 1.0) * np.pi, np.where(limited, 10.0, 1.0))
     low = np.maximum(group.lower, reference - half_range)
     high = np.minimum(group.upper, reference + half_range)
 
