@@ -279,7 +279,8 @@ class UrdfTree(Tree):
         """
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
-        if root.find("link") is None and len(root) and all(map(_is_xacro_definition, root)):
+        is_part = not root.get("name") or all(map(_is_xacro_definition, root))  # of a robot
+        if root.find("link") is None and any(map(_is_xacro, root)) and is_part:
             raise RobotFileError(
                 "<robot>: has xacro definitions and no link: expand the file that includes it, and give the "
                 "result: xacro FILE > OUT"

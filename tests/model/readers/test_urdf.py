@@ -471,6 +471,10 @@ def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, i
             "xacro FILE",
         ),
         (
+            '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+            "expand the file that includes it",
+        ),
+        (
             '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
             "<include>: expand the xacro macros first: xacro FILE",
         ),
