@@ -233,9 +233,11 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     Raises:
         NotAssembled: the loops do not close at some of them.
     """
-    stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
-    for refusal in stack.refused.values():
-        raise refusal  # of the first refused instant
+    motors = measured.values[:, : model.n_a]
+    for rows in (motors[:1], motors):  # columns in a wrong unit are refused at the first instant
+        stack = forward_kinematics_stack(model, rows)
+        for refusal in stack.refused.values():
+            raise refusal  # of the first refused instant
     return stack.q
 
 

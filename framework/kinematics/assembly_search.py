@@ -309,10 +309,11 @@ def _find_nearest_offsets(group: _Group) -> Array:
     enough_poses = 8  # number of closed poses after which the search ends
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
-    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits: half a turn, a length of the robot
-    low = np.where(limited, group.lower, -half_range)
-    high = np.where(limited, group.upper, half_range)
-    reference = np.clip(0.0, low, high)
+    reference = np.clip(0.0, group.lower, group.upper)
+    # half a turn, or a length of the robot; within limits up to two turns, or ten lengths
+    half_range = np.where(turning, np.where(limited, 4.0, 1.0) * np.pi, np.where(limited, 10.0, 1.0))
+    low = np.maximum(group.lower, reference - half_range)
+    high = np.minimum(group.upper, reference + half_range)
 
     # with some joints stated and some not, every other start has the stated ones where the file has them
     stated = group.weights == group.weights.max(initial=0.0)
@@ -328,7 +329,9 @@ def _find_nearest_offsets(group: _Group) -> Array:
         if gap < least_gap:
             best_u, least_gap = u, gap
         if gap < LOOP_GAP:
-            poses.append(np.where(turning & ~limited, wrap_angles(u), u))
+            wrapped = wrap_angles(u)
+            within = (group.lower <= wrapped) & (wrapped <= group.upper)
+            poses.append(np.where(turning & within, wrapped, u))
             if (k == 0 and group.target is None) or len(poses) == enough_poses:
                 break
     if not poses:

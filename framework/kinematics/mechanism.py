@@ -427,9 +427,9 @@ def frame_index(model: pin.Model, name: str) -> int:
 
     In URDF a link and a joint may share a name.
     """
-    link = pin.FrameType.BODY
-    is_link = model.existFrame(name, link)
-    return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
+    kinds = (pin.FrameType.BODY, pin.FrameType.JOINT)
+    kind = next((kind for kind in kinds if model.existFrame(name, kind)), None)
+    return int(model.getFrameId(name) if kind is None else model.getFrameId(name, kind))
 
 
 def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:

@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
-from framework.model.urdf_elements import COORDINATE_SUFFIXES
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, ENDLESS
 from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
@@ -238,14 +238,17 @@ class JointLimit(NamedTuple):
 
 
 def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
-    """Return the limits of all limited joints, in the order of the URDF; equal limits are none."""
+    """Return the limits of all limited joints, in the order of the URDF.
+
+    Equal limits are none, nor are two of the size `ENDLESS`.
+    """
     limits = []
     for joint in urdf.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
         if limit is None or kind not in ("revolute", "prismatic"):
             continue
         lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
-        if lower == upper:
+        if lower == upper or (lower <= -ENDLESS and upper >= ENDLESS):
             continue
         name = joint.get("name", "")
         unit = "m" if kind == "prismatic" else "rad"

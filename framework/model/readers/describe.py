@@ -186,7 +186,7 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
         file: that was read, from whose folder paths start.
         packages: NAME=FOLDER each.
     """
-    folders: dict[str, str] = {}
+    folders = {"": os.fspath(file.parent)}  # some exporters write package:///FILE
     for word in packages:
         name, equals, folder = word.partition("=")
         if not equals or not os.path.isdir(folder):

@@ -128,10 +128,9 @@ def _remove_xacro_definitions(root: Element) -> None:
     """
     arguments = ""
     for element in list(root):
-        tag = local_name(element.tag)
-        if _is_xacro(element) and tag in ("property", "arg", "macro"):
+        if _is_xacro_definition(element):
             root.remove(element)
-            if tag == "arg":
+            if local_name(element.tag) == "arg":
                 arguments += f" {element.get('name')}:={element.get('default')}"
     for element in root.iter():
         values = " ".join(element.attrib.values())
@@ -232,6 +231,11 @@ def _is_xacro(element: Element) -> bool:
     return "xacro" in element.tag.partition("}")[0]
 
 
+def _is_xacro_definition(element: Element) -> bool:
+    """Return whether an element defines what xacro expands elsewhere."""
+    return _is_xacro(element) and local_name(element.tag) in ("property", "arg", "macro")
+
+
 def _unused_parts(element: Element, tag: str) -> Iterator[str]:
     """Yield the tags that are not read: of an element with this local `tag`, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
@@ -275,7 +279,8 @@ class UrdfTree(Tree):
         """
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
-        if root.find("link") is None and any(map(_is_xacro, root)):
+        is_part = not root.get("name") or all(map(_is_xacro_definition, root))  # of a robot
+        if root.find("link") is None and any(map(_is_xacro, root)) and is_part:
             raise RobotFileError(
                 "<robot>: has xacro definitions and no link: expand the file that includes it, and give the "
                 "result: xacro FILE > OUT"
