@@ -37,8 +37,6 @@ def fit_possible_parameters(
     root: Array,
     right: Array,
     prior: float,
-    *,
-    constant: Array | None = None,
 ) -> PossibleParameters:
     """Compute the most probable parameters (u,) of possible links and motors.
 
@@ -51,15 +49,11 @@ def fit_possible_parameters(
         free: (f,) indices of the parameters that may change.
         root, right: equations root z = right with unit noise.
         prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
-        constant: (k, f) combinations of z that stay zero, over a spread that counts as zero. The covariance
-            is that without them.
 
     Raises:
         NotConverged: the solver does not converge.
     """
-    change = posterior = _posterior_root(links, free, root, prior)
-    if constant is not None:
-        change = _posterior_root(links, free, np.concatenate([root, constant]), prior)
+    change = _posterior_root(links, free, root, prior)
     best = links.values + change @ (change[free].T @ (root.T @ right))
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
@@ -80,7 +74,7 @@ def fit_possible_parameters(
         link = Element("link")
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
-    return PossibleParameters(values, posterior @ posterior.T)
+    return PossibleParameters(values, change @ change.T)
 
 
 def _posterior_root(links: LinkParameters, free: IntArray, root: Array, prior: float) -> Array:
