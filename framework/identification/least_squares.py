@@ -55,36 +55,37 @@ class Estimate(NamedTuple):
     equations: int  # number of equations
 
     def solve(self, prior_root: Array, outputs: Array | None = None) -> Solution:
-        """Solve for `outputs` (o, f) @ parameters, by default the parameters, with a normal prior about 0.
-
-        With the prior's covariance L L' of `prior_root` L (f, w), and U s V' = root L, the parameters are
-        L V s / (1 + s^2) U' right. The noise is multiplied by this matrix, and L V / (1 + s^2) is left of L.
-        """
-        outputs = np.eye(len(prior_root)) if outputs is None else outputs
-        U, s, V_rows = np.linalg.svd(self.root @ prior_root, full_matrices=False)
-        from_root = outputs @ prior_root  # (o, w)
-        seen = from_root @ V_rows.T  # (o, f)
-        gain = seen * (s / (1.0 + s**2))
-        left = np.hstack([seen / (1.0 + s**2), from_root - seen @ V_rows])
-        return Solution(gain @ (U.T @ self.right), np.linalg.norm(gain, axis=1), np.linalg.norm(left, axis=1))
+        """Solve for `outputs` (o, f) @ parameters, by default the parameters, with a prior L L' about 0."""
+        S = posterior_root(self.root, prior_root)  # (f, w)
+        outputs = S if outputs is None else outputs @ S  # (o, w)
+        gain = outputs @ (self.root @ S).T  # (o, f) by which the noise of `right` is multiplied
+        noise = np.linalg.norm(gain, axis=1)
+        return Solution(gain @ self.right, np.linalg.norm(outputs, axis=1), noise)
 
 
 class Solution(NamedTuple):
-    """Estimates of o quantities, and both parts of their standard deviations."""
+    """Estimates of o quantities."""
 
     values: Array  # (o,)
-    noise: Array  # (o,) deviations by the noise of the data
-    left: Array  # (o,) deviations of the prior that the data leave
-
-    @property
-    def deviations(self) -> Array:
-        """Standard deviations (o,)."""
-        return np.hypot(self.noise, self.left)
+    deviations: Array  # (o,) standard deviations
+    noise: Array  # (o,) their part by the noise of the data
 
     @property
     def determined(self) -> BoolArray:
-        """Whether (o,) the data decide: their noise leaves more than the prior does."""
-        return self.noise > self.left
+        """Whether (o,) the data decide: their noise is more of the variance than what the prior leaves."""
+        return 2.0 * self.noise**2 > self.deviations**2
+
+
+def posterior_root(root: Array, prior_root: Array) -> Array:
+    """Compute S (f, w), where S S' is the covariance of parameters by data and prior.
+
+    The data have the information `root`' `root`, and the prior the covariance L L' of `prior_root` L (f, w).
+    With root L = U s V' this is S = L V / sqrt(1 + s^2).
+    """
+    _, s, V_rows = np.linalg.svd(root @ prior_root, full_matrices=True)
+    squares = np.zeros(len(V_rows))
+    squares[: len(s)] = s**2
+    return prior_root @ V_rows.T / np.sqrt(1.0 + squares)
 
 
 def prior_root(base: BaseParameters, links: LinkParameters, prior: float) -> Array:
@@ -116,7 +117,8 @@ def estimate(
     Raises:
         InvalidInput: fewer equations than parameters.
     """
-    passes = 6  # each with the noise that the solution before leaves
+    min_passes, max_passes = 3, 12  # each with the noise that the solution before leaves
+    converged = 0.1  # length of a step of all parameters, in standard deviations
     count = int(np.count_nonzero(rows.valid))
     f = design.shape[1]
     if count <= f:
@@ -135,7 +137,7 @@ def estimate(
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
-    for _ in range(passes):
+    for k in range(max_passes):
         # the equations at the corrected motion, with all errors
         corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + f)
         spurious = motion.change(response, draw)[..., 1:]
@@ -158,6 +160,8 @@ def estimate(
         noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
         if rows.independent == 1.0:  # else motors repeat one another
             unmix = _unmixing(noise, rows.valid, noise_filters)
+        if k + 1 >= min_passes and np.linalg.norm(step.root @ step.parameters) < converged:
+            break
     return Estimate(
         root=step.root,
         right=right,

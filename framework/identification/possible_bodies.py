@@ -17,6 +17,7 @@ import numpy as np
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.errors import NotConverged
 from framework.identification.base_parameters import LinkParameters, read_inertial_parameters, write_inertial
+from framework.identification.least_squares import posterior_root
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
@@ -53,7 +54,8 @@ def fit_possible_parameters(
     Raises:
         NotConverged: the solver does not converge.
     """
-    change = _posterior_root(links, free, root, prior)
+    change = np.zeros((len(links.values), len(free)))
+    change[free] = posterior_root(root, prior * np.diag(links.prior_sizes[free]))
     best = links.values + change @ (change[free].T @ (root.T @ right))
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
@@ -75,17 +77,6 @@ def fit_possible_parameters(
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
     return PossibleParameters(values, change @ change.T)
-
-
-def _posterior_root(links: LinkParameters, free: IntArray, root: Array, prior: float) -> Array:
-    """Compute S (u, f), where S S' is the covariance of the parameters by `root` and prior."""
-    deviation = prior * links.prior_sizes[free]
-    _, sigma, V_rows = np.linalg.svd(root * deviation, full_matrices=True)
-    squares = np.zeros(len(free))
-    squares[: len(sigma)] = sigma**2
-    posterior = np.zeros((len(links.values), len(free)))
-    posterior[free] = deviation[:, None] * V_rows.T / np.sqrt(1.0 + squares)
-    return posterior
 
 
 def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
