@@ -20,13 +20,14 @@ from warnings import warn
 
 import numpy as np
 
-from framework.dynamics.body_parameters import INERTIAL, pseudo_inertia
+from framework.dynamics.body_parameters import INERTIAL
 from framework.errors import InvalidInput, NotIdentified, check_choice
 from framework.identification.base_parameters import (
     OF_MOTORS,
     BaseParameters,
     LinkParameters,
     base_parameters,
+    central_moments,
     collect_link_parameters,
     with_masses_and_motors,
 )
@@ -203,17 +204,6 @@ class Identification(ReadOnlyArrays):
         motors = self.robot.actuator_names
         keys = ("name", "value", "standard_deviation", "file")
         columns = (self.base.names, self.values, self.deviations, self.base.values)
-        others = (
-            "cutoff",
-            "poses",
-            "motor_misfit",
-            "instants",
-            "period",
-            "jitter",
-            "equations",
-            "order",
-            "seconds",
-        )
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.base, "rank", "gap", "certain"),
@@ -229,7 +219,8 @@ class Identification(ReadOnlyArrays):
                 for prediction in self.predictions
             },
             "noise": dict(zip(motors, self.noise, strict=True)),
-            **select_fields(self, *others),
+            **select_fields(self, "cutoff", "poses", "motor_misfit", "instants", "period", "jitter"),
+            **select_fields(self, "equations", "order", "seconds"),
         }
         return plain(document)
 
@@ -517,12 +508,12 @@ def _describe(
         units = ("kg m^2", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
         table += zip([f"{joint}.{name}" for name in OF_MOTORS], units, strict=True)
 
-    is_free = np.isin(np.arange(len(table)), free)
-    allowed = prior * links.prior_sizes * is_free  # (u,) deviations
+    allowed = np.zeros(len(table))  # (u,) deviations
+    allowed[free] = prior * links.prior_sizes[free]
     values = _body_quantities(links, possible.values)
     steps = 1e-6 * links.prior_sizes + np.finfo(float).tiny
-    moved = [_body_quantities(links, possible.values + step) for step in np.diag(steps)]
-    J = (np.stack(moved, axis=1) - values[:, None]) / steps  # (u, u)
+    changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
+    J = changes.T / steps  # (u, u)
     deviations = np.sqrt(np.vecdot(J @ possible.covariance, J))
     by_prior = np.linalg.norm(J * allowed, axis=1)
     in_file = _body_quantities(links, links.values)
@@ -540,15 +531,13 @@ def _describe(
 
 
 def _body_quantities(links: LinkParameters, parameters: Array) -> Array:
-    """Return mass, centre and inertia about the centre (10,) of each link, then motor parameters, (u,)."""
-    quantities = parameters.copy()
-    for part in links.link_slices:
-        mass = parameters[part][0]
-        centre = parameters[part][1:4] / mass
-        about_centre = pseudo_inertia(parameters[part])[:3, :3] - mass * np.outer(centre, centre)
-        inertia = np.trace(about_centre) * np.eye(3) - about_centre
-        quantities[part] = [mass, *centre, *inertia[np.tril_indices(3)]]
-    return quantities
+    """Return mass, centre and inertia about the centre of each link, then motor parameters, (..., u)."""
+    bodies = parameters[..., : links.motor_slice.start].reshape(*parameters.shape[:-1], len(links.links), 10)
+    centre, moments = central_moments(bodies)  # (..., links, 3), (..., links, 3, 3)
+    inertia = np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
+    quantities = [bodies[..., :1], centre, inertia[..., *np.tril_indices(3)]]
+    of_bodies = np.concatenate(quantities, axis=-1).reshape(*parameters.shape[:-1], -1)
+    return np.concatenate([of_bodies, parameters[..., links.motor_slice]], axis=-1)
 
 
 # ------------------------------------------------------------------ mistaken columns
