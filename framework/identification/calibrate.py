@@ -23,7 +23,6 @@ from framework.identification.combinations import (
     Combinations,
     describe_unseen_direction,
     find_combinations,
-    merge_rows,
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.geometry import (
@@ -170,15 +169,18 @@ def calibrate(
     """
     expect_robot(robot)
     started = clock.perf_counter()
-    noise = noise or {}
-    _check_errors(noise, length_error=length_error, angle_error=angle_error)
+    for name in noise or {}:
+        check_choice("kind of noise", name, NOISE)
+    noises = {**NOISE, **(noise or {})}
+    for name, value in {**noises, "length_error": length_error, "angle_error": angle_error}.items():
+        positive(name, value)
     geometry = parametrise_geometry(robot, joints)
     data = load_recording(robot, data, conversions)
-    measured = select_measurements(geometry, data, {**NOISE, **noise})
+    measured = select_measurements(geometry, data, noises)
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    _refuse_mistaken_columns(geometry, data, {**NOISE, **noise})
+    _refuse_mistaken_columns(geometry, data, noises)
     q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
     geometry = place_fixtures(geometry, measured, q)
     prior = geometry.prior(length_error, angle_error)  # (p,) standard deviations
@@ -189,9 +191,11 @@ def calibrate(
     solver = GaussNewton(geometry, training, training_q, prior)
     solver.run(progress)
     _check_plausible(geometry, solver.values / prior, solver.noise)
-    # what the data determine is examined at the file's geometry
+    # what measurements or loops determine is examined at the file's geometry; the slopes of measurements are
+    # over the noise, those of the loops over LOOP_GAP, which is far smaller
     equations = eliminate_poses(geometry, training, training_q, np.zeros_like(prior))
-    combinations = _find_combinations(equations, training, prior)
+    loop_rows = np.concatenate(equations.loop_slopes) * LOOP_GAP / measured.noise.min()
+    combinations = find_combinations(np.concatenate([*equations.matrix, loop_rows]), prior)
 
     # Huber's weights, below one half; the solver has their square roots
     outliers = np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()
@@ -217,14 +221,6 @@ def calibrate(
         steps=solver.steps,
         seconds=clock.perf_counter() - started,
     )
-
-
-def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
-    """Raise InvalidInput for unknown kinds of noise, and for noise or errors that are not positive."""
-    for name in noise:
-        check_choice("kind of noise", name, NOISE)
-    for name, value in {**noise, **file_errors}.items():
-        positive(name, value)
 
 
 def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
@@ -261,20 +257,6 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         return float(squares[0] / squares[1])
 
     refuse_mistaken_columns(data, ("motor_angle", "joint", "platform", "distance"), misfit)
-
-
-def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:
-    """Find the parameter combinations that measurements or loops determine.
-
-    Args:
-        equations: of the parameters at the T instants of the fit.
-        measured: the measurements, with their noise.
-        prior: (p,) standard deviations of the file's parameters [m, rad].
-    """
-    # the slopes of the data are over the noise; those of the loops over LOOP_GAP, which is far smaller
-    loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()
-    rows = np.concatenate([merge_rows(equations.matrix), merge_rows(loop_rows)])
-    return find_combinations(rows, prior)
 
 
 def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float) -> None:
@@ -500,8 +482,8 @@ class GaussNewton:
         of the data, weighted by instant; the others are loop equations that no joint can close.
         """
         weights = self.weights[:, None] / self.noise  # (T, 1)
-        data_rows = merge_rows(weights[..., None] * equations.matrix)
-        matrix = np.concatenate([data_rows, merge_rows(equations.loop_slopes)])
+        data_rows = np.concatenate(weights[..., None] * equations.matrix)
+        matrix = np.concatenate([data_rows, np.concatenate(equations.loop_slopes)])
         residual = np.append(weights * equations.residual, equations.loop_residual)
         return matrix * self.prior, residual
 
@@ -612,9 +594,9 @@ class GaussNewton:
         """
         p = len(self.prior)
         # zero rows complete w and V if there are fewer loop equations than parameters
-        L_D = np.concatenate([merge_rows(equations.loop_slopes) * self.prior, np.zeros((p, p))])
+        L_D = np.concatenate([np.concatenate(equations.loop_slopes) * self.prior, np.zeros((p, p))])
         triangle = np.linalg.qr(L_D, mode="r")  # (p, p) with the same w and V
         _, w, V_transposed = np.linalg.svd(triangle)
-        A_D = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
+        A_D = np.concatenate(self.weights[:, None, None] * equations.matrix) * self.prior
         A_S = A_D @ V_transposed.T / np.sqrt(1.0 + w**2)
         return np.linalg.eigvalsh(A_S.T @ A_S).clip(0.0)  # negative only by rounding

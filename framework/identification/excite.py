@@ -31,7 +31,7 @@ from framework.identification.base_parameters import (
     gravity_scale,
     parameter_regressor,
 )
-from framework.identification.combinations import find_combinations, merge_rows
+from framework.identification.combinations import find_combinations
 from framework.identification.identify import Identification, IdentifiedQuantity, free_parameters, identify
 from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
@@ -340,7 +340,7 @@ class _Design:
     def cost(self, motion: PeriodicMotion) -> float:
         """Compute the mean logarithm of the parameters' deviations over their sizes, at most 0."""
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
-        W = merge_rows(motion.rows @ self.columns / noise[:, None])
+        W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
         R = np.linalg.qr(np.concatenate([W, np.eye(W.shape[1])]), mode="r")
         return float(np.mean(np.log(np.linalg.norm(np.linalg.inv(R), axis=1))))
 

@@ -59,11 +59,6 @@ class Geometry(ReadOnlyArrays):
     numbers: Names = ()  # parameters of the robot file that are calibrated in place of dimensions
     fixtures: tuple[Fixture, ...] = ()
 
-    def with_fixtures(self, fixtures: tuple[Fixture, ...]) -> Geometry:
-        """Return the geometry with the parameters of fixtures behind its own."""
-        names = (*self.names, *(name for fixture in fixtures for name in fixture.names))
-        return replace(self, names=names, fixtures=fixtures)
-
     def dimensions(self, values: Array) -> Array:
         """Compute errors of the dimensions (g,) for changes of the parameters (p,)."""
         if not self.numbers:
@@ -432,7 +427,9 @@ def place_fixtures(geometry: Geometry, measured: Measurements, q: Array) -> Geom
     columns = tuple(name for name in measured.names if name.startswith((DISTANCE, TOUCH)))
     points = frames_at(geometry.model, q).platform_origin
     values = measured.values[:, len(measured.names) - len(columns) :]
-    return geometry.with_fixtures(find_fixtures(columns, points, values, geometry.robot.length))
+    fixtures = find_fixtures(columns, points, values, geometry.robot.length)
+    names = (*geometry.names, *(name for fixture in fixtures for name in fixture.names))
+    return replace(geometry, names=names, fixtures=fixtures)
 
 
 def measurement_offsets(
