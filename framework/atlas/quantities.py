@@ -172,7 +172,7 @@ def choose_quantities(
         InvalidInput: a name is unknown; a quantity needs springs, torque limits or translations that the
             robot does not have; the wrench has no potential, or no quantity depends on it.
     """
-    has_springs = robot.n_e or robot.joint_stiffness.any()
+    has_springs = robot.has_springs
     if names is None:
         names = ["conditioning"]
         names += ["torque"] if robot.translations.any() else []

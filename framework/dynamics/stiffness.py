@@ -31,6 +31,7 @@ from framework.dynamics.forces import mass_matrices
 from framework.dynamics.tangent_stiffness import Load, check_wrench, evaluate_equilibrium, tangent_stiffness
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import difference, integrate_columns
+from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
@@ -57,7 +58,7 @@ class CompliantMotions(NamedTuple):
 
 def require_springs(robot: ParallelRobot) -> None:
     """Raise InvalidInput for a robot without springs."""
-    if not (robot.n_e or robot.joint_stiffness.any()):
+    if not robot.has_springs:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
             f"flexible_joints or flexible_links"
@@ -77,10 +78,14 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     stiffness = robot.all_stiffness[columns]
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
     transposed = Z.swapaxes(1, 2)
+    of_lines = np.zeros((1, 1, 1))  # springs between points, without the geometric stiffness of their pull
+    if robot.line_springs.names:
+        between = Lines.at(robot, linearised.frames).stiffness[:, columns[:, None], columns]
+        of_lines = matmul(transposed, matmul(between, Z))
     return CompliantMotions(
         Z=Z,
         X=matmul(linearised.platform[:, :, columns], Z),
-        K=matmul(transposed * stiffness, Z),
+        K=matmul(transposed * stiffness, Z) + of_lines,
         M=matmul(transposed, matmul(mass, Z)),
     )
 
