@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import damping_forces, mass_matrices, spring_forces
+from framework.dynamics.forces import damping_forces, mass_matrices, all_spring_forces
 from framework.dynamics.pointwise_dynamics import type2_pose
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
@@ -364,7 +364,7 @@ class ControlCycle:
         if robot.is_damped:
             force = force + damping_forces(robot, self.q[None], self.v[None])[0]
         if self._has_springs:
-            force = force + spring_forces(robot, self.q[None], robot.joint_stiffness)[0]
+            force = force + all_spring_forces(robot, self.q[None], robot.joint_stiffness)[0]
         return force @ self.T / robot.gear_ratio
 
 

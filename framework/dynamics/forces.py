@@ -87,7 +87,7 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
     if robot.joint_stiffness.any() or robot.line_springs.names:
-        forces += spring_forces(robot, q, robot.joint_stiffness)
+        forces += all_spring_forces(robot, q, robot.joint_stiffness)
     return _subtract_wrenches(forces, wrenches)
 
 
@@ -156,7 +156,7 @@ def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
     return forces_on_joints(robot, robot.neutral, q, stiffness * (offset - robot.joint_rest))
 
 
-def spring_forces(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
+def all_spring_forces(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
     """Compute the forces (T, nv) of springs of stiffness (nv,) on joints, and of those between points."""
     forces = spring_torques(robot, q, stiffness) if stiffness.any() else np.zeros((len(q), robot.nv))
     return forces + lines_at(robot, q).forces() if robot.line_springs.names else forces

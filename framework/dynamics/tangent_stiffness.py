@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import spring_forces
+from framework.dynamics.forces import all_spring_forces
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import loop_force_changes
 from framework.kinematics.external_wrenches import applied_wrench, wrench_slope
@@ -184,7 +184,7 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     preload cancels.
     """
     data = scratch_of(robot).data
-    springs = spring_forces(robot, q, robot.all_stiffness)
+    springs = all_spring_forces(robot, q, robot.all_stiffness)
     weight = np.array([pin.computeGeneralizedGravity(robot.model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
     by_share = load.preload + weight - wrench

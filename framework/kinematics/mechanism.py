@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -40,7 +40,8 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Nam
 MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
 
-class LineSprings(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LineSprings(ReadOnlyArrays):
     """The K springs and dampers between points; numbers are (K,), or (T, K) of robots that differ in them."""
 
     names: Names

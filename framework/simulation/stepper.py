@@ -236,7 +236,8 @@ class Stepper:
     def line_springs(self) -> LineSprings:
         """The springs between points, with numbers (R, K)."""
         springs = [equations.robot.line_springs for equations in self.equations]
-        return springs[0]._replace(
+        return replace(
+            springs[0],
             stiffness=np.array([one.stiffness for one in springs]),
             rest=np.array([one.rest for one in springs]),
             damping=np.array([one.damping for one in springs]),
