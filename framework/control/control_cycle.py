@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import damping_forces, mass_matrices, all_spring_forces
+from framework.dynamics.forces import all_spring_forces, damping_forces, mass_matrices
 from framework.dynamics.pointwise_dynamics import type2_pose
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
