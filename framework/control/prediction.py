@@ -36,11 +36,8 @@ from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread
 from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
-from framework.tolerances import MAX_PREDICTED_SHARE
+from framework.tolerances import CAUTIONS, LEAST_ROOM, MAX_PREDICTED_SHARE
 
-# of lqg, tried in turn: factors on the noise that the filter expects of its model, and on the torque share
-CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33), (30.0, 0.33))
-LEAST_ROOM = 0.05  # share of the peak torque that counts as left at the limit
 # sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
     "motors",
