@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from framework.atlas.quantities import Quantity, find_wrench, quantity_unit
+from framework.atlas.quantities import Quantity, find_wrench, quantity_unit, softest_directions
 from framework.atlas.survey import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
+from framework.dynamics.stiffness import direction_in_words
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.output import json_text, package_versions
 
@@ -87,10 +88,25 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
             "name": quantity.name,
             "unit": quantity_unit(workspace.robot, quantity),
             **value_range(workspace.values[quantity.key]),
+            **_describe_softest(workspace, quantity),
         }
         for quantity in workspace.quantities
     }
     return document
+
+
+def _describe_softest(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
+    """Say where a stiffness is least, and in which direction; empty for other quantities."""
+    robot, values = workspace.robot, workspace.values[quantity.key]
+    if not quantity.softest or not np.isfinite(values).any():
+        return {}
+    row, column = np.unravel_index(np.nanargmin(values), values.shape)
+    window = workspace.window
+    x = window.constants.copy()
+    x[list(window.axes)] = [span[k] for span, k in zip(window.spans, (row, column), strict=False)]
+    (twist,) = softest_directions(robot, quantity, workspace.q[row, column][None])
+    words = direction_in_words(robot.axis_names, twist)
+    return {"softest": {"place": robot.place(x), "direction": twist.tolist(), "words": words}}
 
 
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:

@@ -85,7 +85,7 @@ def _count_parts(robot: ParallelRobot) -> Document:
     return {
         "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
         "loops": len(description.closures),
-        "springs": len(description.springs),
+        "springs": len(description.springs) + len(description.line_springs),
         "scenes": list(description.scenes),
     }
 

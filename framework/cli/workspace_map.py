@@ -263,6 +263,8 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         values = map(document["quantities"][quantity.key].get, STATISTICS)
         cells = ("-" if value is None else f"{value:.3g}" for value in values)
         lines.append("\t".join([f"  {quantity.name} [{quantity_unit(robot, quantity)}]", *cells]))
+        if softest := document["quantities"][quantity.key].get("softest"):
+            lines.append("    least at {place}, in the direction {words}".format_map(softest))
     if margin is not None:
         lines += _margin_lines(robot, margin)
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "asked", "twist")

@@ -40,6 +40,18 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Nam
 MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
 
+@dataclass(frozen=True, eq=False)
+class LineSprings(ReadOnlyArrays):
+    """The K springs and dampers between points; numbers are (K,), or (T, K) of robots that differ in them."""
+
+    names: Names
+    first: IntArray  # (K,) frames at which the springs begin, indices into `Mechanism.frames`
+    second: IntArray  # (K,) frames at which they end
+    stiffness: Array  # [N/m]
+    rest: Array  # [m] length at which a spring exerts no force
+    damping: Array  # [N s/m]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
@@ -57,7 +69,9 @@ class Mechanism(ReadOnlyArrays):
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
     elastic_names: Names  # (n_e,) of the springs' own joints
-    frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
+    # pinocchio's indices of the platform's frame, then of the frames of loops and of springs between points
+    frames: tuple[int, ...]
+    line_springs: LineSprings  # between two points
     rows: LoopRows  # all loop equations, redundant ones included
     rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: they are only measured
     directions: LockedDirections  # pairs of axes that are all parallel only if no closure is flipped
@@ -241,9 +255,14 @@ class Mechanism(ReadOnlyArrays):
 
     @property
     def spring_names(self) -> Names:
-        """Names of all springs: virtual joints first, then joints of the URDF."""
+        """Names of all springs: virtual joints, then joints of the URDF, then springs between points."""
         sprung = np.flatnonzero(self.joint_stiffness)
-        return (*self.elastic_names, *map(self.coordinates.name_of, sprung))
+        return (*self.elastic_names, *map(self.coordinates.name_of, sprung), *self.line_springs.names)
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether there is any spring: a virtual joint, on a joint of the URDF, or between two points."""
+        return bool(self.n_e or self.joint_stiffness.any() or self.line_springs.stiffness.any())
 
     def friction_sizes(self, columns: IntArray) -> str:
         """Describe the dry friction of columns, such as `knee 0.1 N m`; empty without friction."""
@@ -255,8 +274,8 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def is_damped(self) -> bool:
-        """Whether viscous damping acts on joints of the URDF."""
-        return bool(self.joint_damping.any())
+        """Whether viscous damping acts on joints of the URDF, or between two points."""
+        return bool(self.joint_damping.any() or self.line_springs.damping.any())
 
     @cached_property
     def sliding(self) -> BoolArray:
@@ -335,7 +354,10 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 
     loop_ends = chain.from_iterable(closure.frames for closure in description.closures)
-    frame_names = list(dict.fromkeys([description.platform.frame, *loop_ends]))  # without repetitions
+    between = description.line_springs
+    spring_ends = chain.from_iterable(spring.between for spring in between)
+    # without repetitions
+    frame_names = list(dict.fromkeys([description.platform.frame, *loop_ends, *spring_ends]))
     frames = tuple(frame_index(model, name) for name in frame_names)
     rows = loop_rows(
         description.closures,
@@ -354,6 +376,14 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         joint_friction=joint_parameter("friction"),
         elastic_names=elastic_names,
         frames=frames,
+        line_springs=LineSprings(
+            names=tuple(spring.label for spring in between),
+            first=np.array([frame_names.index(spring.between[0]) for spring in between], dtype=np.intp),
+            second=np.array([frame_names.index(spring.between[1]) for spring in between], dtype=np.intp),
+            stiffness=np.array([spring.stiffness for spring in between]),
+            rest=np.array([spring.rest for spring in between]),
+            damping=np.array([spring.damping for spring in between]),
+        ),
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),  # none yet
         directions=locked_directions(description.closures, frame_names),
@@ -476,8 +506,8 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     """Compute the size [m] of the mechanism at q (nq,); 1 if this is zero.
 
     The size makes metres comparable with radians. It is the largest distance between joints, moving frames
-    and frames of the loops, so it does not depend on where the robot stands. A radius of gyration of a body
-    about its joint counts, too, in case all frames coincide, as in a spherical robot.
+    and frames of loops and springs, so it does not depend on where the robot stands. A radius of gyration of
+    a body about its joint counts, too, in case all frames coincide, as in a spherical robot.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

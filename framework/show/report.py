@@ -169,6 +169,9 @@ def _parameters_html(plan: CrossingPlan) -> str:
     slides = robot.sliding[robot.elastic]
     for name, stiffness, slide in zip(robot.elastic_names, robot.stiffness, slides, strict=True):
         rows.append(Fact(f"spring {name}", f"{stiffness:g}", "N/m" if slide else "N m/rad"))
+    for line in description.line_springs:
+        numbers = f"{line.stiffness:g} N/m from {line.rest:g} m, damping {line.damping:g} N s/m"
+        rows.append(Fact(f"spring {line.label}", numbers))
     return _table_html(rows)
 
 

@@ -20,6 +20,7 @@ from framework.model.description import (
     Closure,
     Coupling,
     JointDynamics,
+    LineSpring,
     Polynomial,
     lock_couplings,
     locked_axes,
@@ -326,6 +327,7 @@ class UrdfTree(Tree):
         # the content of the file beside the tree
         self.closures: list[Closure] = []
         self.couplings: list[Coupling] = []
+        self.line_springs: list[LineSpring] = []
         self.transmissions: list[Transmission] = []
         self.likely_motors: list[str] = []
         self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
