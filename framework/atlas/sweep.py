@@ -202,13 +202,10 @@ def _accept_steps(
         correction: (k, nv) offsets from the predicted to the closed configurations.
     """
     end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
-    measure = measure_steps(robot, correction, prediction, end_step)
-    # `small`: the correction is small; `straight`: the tangent turns little
-    accepted = measure.small.copy()
-
-    accepted &= share_working_mode(robot, ModeStates.of(robot, start), ModeStates.of(robot, end))
+    _, is_small, is_straight = measure_steps(robot, correction, prediction, end_step)
+    accepted = is_small & share_working_mode(robot, ModeStates.of(robot, start), ModeStates.of(robot, end))
 
     # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
-    turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much
+    turned = np.flatnonzero(accepted & ~is_straight)  # steps whose tangent turns much
     accepted[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
     return accepted

@@ -264,7 +264,15 @@ class OneLineParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones with a hint."""
-        parsed, unknown = super().parse_known_args(_move_parameters_last(args), namespace)
+        # move --set with its values NAME=VALUE to the end
+        others: list[str] = []
+        moved: list[str] = []
+        takes_values = False
+        for word in args:
+            is_value = takes_values and ("=" in word or moved[-1] == "--set") and not word.startswith("--")
+            takes_values = word == "--set" or is_value
+            (moved if takes_values else others).append(word)
+        parsed, unknown = super().parse_known_args([*others, *moved], namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
@@ -313,18 +321,6 @@ class OneLineParser(argparse.ArgumentParser):
         if "arguments are required" in message:
             instead = next(filter(NEEDS_NO_FILE.fullmatch, self.examples), None)
         raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
-
-
-def _move_parameters_last(words: Sequence[str]) -> list[str]:
-    """Move --set with its values NAME=VALUE to the end of a command line."""
-    others: list[str] = []
-    moved: list[str] = []
-    takes_values = False
-    for word in words:
-        is_value = takes_values and ("=" in word or moved[-1] == "--set") and not word.startswith("--")
-        takes_values = word == "--set" or is_value
-        (moved if takes_values else others).append(word)
-    return [*others, *moved]
 
 
 def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:

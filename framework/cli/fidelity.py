@@ -98,7 +98,8 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
     lines = [HEAD.format(study, len(study.levels), _format_percent(study.tolerance))]
     lines += [_format_row(study, comparison) for comparison in study.levels]
     for comparison in study.levels:
-        lines += _format_remarks(comparison)
+        notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
+        lines += [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
     lines.append(f"  crossing          s = {places}" if places else "  crossing          none")
     if study.fall >= 1.0:
         judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
@@ -144,12 +145,6 @@ def _format_row(
     platform, predicted = map(_format_percent, (comparison.platform, indicators.error[name]))
     cells = (f"  {name}", plan, torque, platform, law, deflection, predicted, indicators.words[name])
     return "\t".join(cells)
-
-
-def _format_remarks(comparison: Comparison) -> list[str]:
-    """Return the remarks on one level, which follow the table."""
-    notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
-    return [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
 
 
 def _format_percent(
@@ -198,13 +193,8 @@ def run_capacity(options: Namespace) -> Report:
     capacity = largest_load_of(robot, request, progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _capacity_document(capacity), capacity_lines(capacity)
-
-
-def _capacity_document(capacity: Capacity) -> Document:
-    """Return the capacity for JSON, where infinite numbers become null."""
     plan = capacity.plan
-    return {
+    document = {
         "robot": plan.robot.name,
         "flexibility": plan.robot.flexibility,
         **select_fields(capacity, "multiple", "refused", "proved", "impossible", "undecided"),
@@ -214,6 +204,7 @@ def _capacity_document(capacity: Capacity) -> Document:
         "duration": plan.duration,
         "peak_torque": plan.peak_torque,
     }
+    return document, capacity_lines(capacity)
 
 
 def capacity_lines(capacity: Capacity) -> list[str]:

@@ -10,7 +10,6 @@ from framework.atlas.transmission import (
     AMPLITUDE,
     FREQUENCIES,
     LinkageTransmission,
-    MappingError,
     transmission,
 )
 from framework.cli import arguments
@@ -98,18 +97,13 @@ def _make_document(result: LinkageTransmission) -> Document:
         "posture": dict(zip(robot.axis_names, result.posture, strict=True)),
         "axes": axes,
         "armature": result.armature,
-        "errors": [_describe_error(error) for error in result.errors],
+        "errors": [{key: getattr(error, key) for key in error._fields} for error in result.errors],
     }
 
 
 def _range(values: np.ndarray) -> list[float]:
     """Return least and largest of values."""
     return [float(values.min()), float(values.max())]
-
-
-def _describe_error(error: MappingError) -> Document:
-    """Return the errors of a sine by name, each over the platform's axes."""
-    return {key: getattr(error, key) for key in error._fields}
 
 
 AXIS = """\

@@ -332,19 +332,15 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
     size = study.task.size
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
-    lines += _study_table(study, with_reasons=refused > 0)
-    if count > MAX_LISTED:
-        lines.append(f"  and {count - MAX_LISTED} more; --out or --json keeps all")
-    return document, lines
-
-
-def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
-    """Return a table of the first designs: parameters, areas, medians, and refusals."""
+    # table of the first designs: parameters, areas, medians, and refusals
     columns = [key for key in study.columns if key.endswith((*SIZES.values(), "_median"))]
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])
     rows = [[f"{value:.4g}" if np.isfinite(value) else "-" for value in row] for row in numbers]
-    if with_reasons:
+    if refused > 0:
         heads.append("why no robot")
         rows = [[*row, why] for row, why in zip(rows, study.why, strict=True)]
-    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_LISTED]]]
+    lines += ["  " + "\t".join(row) for row in [heads, *rows[:MAX_LISTED]]]
+    if count > MAX_LISTED:
+        lines.append(f"  and {count - MAX_LISTED} more; --out or --json keeps all")
+    return document, lines

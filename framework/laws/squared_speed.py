@@ -248,14 +248,6 @@ def slowness_on_panels(
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
-class LinearDuration(NamedTuple):
-    """The duration of a squared speed, its derivatives, and the panels of both integrals."""
-
-    duration: float  # [s]
-    slopes: Array  # (size,) by the coefficients
-    edges: Array  # (p + 1,) of the panels in sigma
-
-
 class SpeedSpace(NamedTuple):
     """The squared speeds z(xi(sigma)) that a basis represents, by their coefficients y (size,) [1/s^2]."""
 
@@ -264,7 +256,7 @@ class SpeedSpace(NamedTuple):
 
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
-        return self._linearise_duration(y).duration
+        return self._linearise_duration(y)[0]
 
     def blend(
         self,
@@ -285,12 +277,11 @@ class SpeedSpace(NamedTuple):
         share = 0.0
         edges = None  # of the panels of the last blend
         for _ in range(max_steps):
-            linear = self._linearise_duration(y, edges)
-            edges = linear.edges
-            excess = linear.duration - duration
+            blended, slopes, edges = self._linearise_duration(y, edges)
+            excess = blended - duration
             if excess <= SAME_PLACE * duration:
                 break
-            share -= excess / float(linear.slopes @ direction)
+            share -= excess / float(slopes @ direction)
             y = slow + share * direction
         return y
 
@@ -326,10 +317,9 @@ class SpeedSpace(NamedTuple):
             slopes = matrix
             values = equalities(y)
             if duration is not None:
-                linear = self._linearise_duration(y, edges)
-                edges = linear.edges
-                slopes = np.vstack([slopes, linear.slopes])
-                values = np.append(values, linear.duration - duration)
+                reached, duration_slopes, edges = self._linearise_duration(y, edges)
+                slopes = np.vstack([slopes, duration_slopes])
+                values = np.append(values, reached - duration)
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
@@ -372,8 +362,8 @@ class SpeedSpace(NamedTuple):
         degree_cost = np.diag((np.arange(size) / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
-    def _linearise_duration(self, y: Array, edges: Array | None = None) -> LinearDuration:
-        """Compute T [s] of a positive z with coefficients y (size,), and dT/dy (size,).
+    def _linearise_duration(self, y: Array, edges: Array | None = None) -> tuple[float, Array, Array]:
+        """Compute T [s] of a positive z with coefficients y (size,), dT/dy (size,), and the panels' edges.
 
         dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
         on the panels that resolve z^(-1/2).
@@ -389,4 +379,4 @@ class SpeedSpace(NamedTuple):
         sigma_weights = (half_widths * weights).ravel()  # (P,)
         z = basis_values @ y
         duration = float(sigma_weights @ z**-0.5)
-        return LinearDuration(duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values), edges)
+        return duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values), edges

@@ -188,7 +188,13 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         """Test cubes; split cubes without proof, but leave the smallest ones undecided."""
-        cubes = _test_cubes(test, width, cubes, start.signs)
+        z = width * cubes.middles()  # (S, n)
+        tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
+        # a cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell
+        is_elsewhere = (tested.signs != start.signs).any(axis=1)
+        parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
+        assign(tested, is_elsewhere, select(parents, is_elsewhere))  # in the arrays of `tested`
+        cubes = cubes._replace(cells=tested)
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
@@ -203,23 +209,6 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     # the ball ends at the nearest cube without proof, or on another branch
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
     return float(distances(disagreeing).min(initial=partition.limit))
-
-
-def _test_cubes(test: CellTest, width: float, cubes: _Cubes, signs: Array) -> _Cubes:
-    """Test S cubes on one branch.
-
-    A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
-
-    Args:
-        width: width of the first cube [robot lengths, rad].
-        signs: (1, 2) of det dF/dq and det P on the branch.
-    """
-    z = width * cubes.middles()  # (S, n)
-    tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
-    is_elsewhere = (tested.signs != signs).any(axis=1)
-    parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
-    assign(tested, is_elsewhere, select(parents, is_elsewhere))  # in the arrays of `tested`
-    return cubes._replace(cells=tested)
 
 
 def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q: Array) -> BoolArray:

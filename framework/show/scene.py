@@ -150,7 +150,11 @@ def _instant_documents(film: Film) -> list[Document]:
 
 def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     """Return the entries of a robot's document that its motion leaves alone, and the view."""
-    view = _view_document(_points_in_sight(robot, sight.bodies, poses), sight)
+    # a picture contains the joints in all poses, and the bodies in the first, the middle and the last one
+    points = [frame_positions(robot, poses)]
+    for pose in poses[[0, len(poses) // 2, -1]]:
+        points += [carried_points(pose[shape.node], shape.corners()) for shape in sight.bodies]
+    view = _view_document(np.concatenate(points), sight)
     motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
     return {
         "robot": robot.name,
@@ -360,17 +364,6 @@ def encode_locus(
     pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, max_distance=max_distance)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
-
-
-def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
-    """Return points (m, 3) that a picture must contain.
-
-    These are the joints in all poses, and the bodies in the first, the middle and the last one.
-    """
-    points = [frame_positions(robot, poses)]
-    for pose in poses[[0, len(poses) // 2, -1]]:
-        points += [carried_points(pose[shape.node], shape.corners()) for shape in shapes]
-    return np.concatenate(points)
 
 
 def _view_document(points: Array, sight: Sight) -> Document:
