@@ -54,10 +54,7 @@ COMMANDS = {
     ),
     "locate": Command(
         "find the singular points on a path",
-        (
-            "crossing locate five_bar --scene C",
-            "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195",
-        ),
+        ("crossing locate five_bar --scene C", "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195"),
         "locate",
         "Without a path: the singular pose nearest to the reference, and a line that crosses there. With "
         "--flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
@@ -66,10 +63,7 @@ COMMANDS = {
     ),
     "map": Command(
         "quantities over the workspace on one working mode, with the singular locus on top",
-        (
-            "crossing map five_bar --size 50",
-            "crossing map five_bar --scene C --quantity g torque --out map",
-        ),
+        ("crossing map five_bar --size 50", "crossing map five_bar --scene C --quantity g torque --out map"),
         "workspace_map",
         "Poses are reached from the reference by continuation, so the map never leaves its working mode; "
         "what is not reached has no value and a reason.",

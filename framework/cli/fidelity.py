@@ -8,14 +8,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import (
-    Report,
-    add_motion,
-    add_out,
-    add_path,
-    add_path_and_motion,
-    add_robot,
-)
+from framework.cli.parser import Report, add_motion, add_out, add_path, add_path_and_motion, add_robot
 from framework.fidelity.capacity import Capacity, capacity_request, largest_load_of
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison

@@ -6,12 +6,7 @@ from argparse import Namespace
 
 import numpy as np
 
-from framework.atlas.transmission import (
-    AMPLITUDE,
-    FREQUENCIES,
-    LinkageTransmission,
-    transmission,
-)
+from framework.atlas.transmission import AMPLITUDE, FREQUENCIES, LinkageTransmission, transmission
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import Report, add_number, add_out, add_robot, integer_between

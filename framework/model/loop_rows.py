@@ -42,7 +42,7 @@ ROW_KINDS = {
         "d.d",
         coefficients=lambda length: (0.5 / length, 0.5 * length),
         satisfy=lambda offset, length: offset * (length / np.linalg.norm(offset)),
-    ),
+    )
 }
 
 

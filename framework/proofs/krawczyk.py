@@ -27,13 +27,7 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.rounding import (
-    ROUND_UP,
-    WIDENING_RATIO,
-    approximate_inverses,
-    gamma,
-    identity_defect,
-)
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, approximate_inverses, gamma, identity_defect
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
 MIN_RADIUS, MAX_RADIUS = 1e-14, 10.0  # [rad, robot lengths, or units of z] of widened boxes

@@ -37,13 +37,7 @@ from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import list_unbounded_joints
 from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
-from framework.proofs.rounding import (
-    ROUND_UP,
-    WIDENING_RATIO,
-    approximate_inverses,
-    gamma,
-    identity_defect,
-)
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, approximate_inverses, gamma, identity_defect
 from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000

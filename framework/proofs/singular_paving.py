@@ -272,9 +272,7 @@ def enclose_measure(
     slope_changes += _bilinear_form(psi_size, dP_size, eta_error)
     slope_changes += _bilinear_form(psi_error, dP_size + dP_change, eta_size)
     g = LinearEnclosure(
-        values=right.z[:, -1:],
-        slopes=-_bilinear_form(psi, dP, eta),
-        errors=right.last_error[:, None],
+        values=right.z[:, -1:], slopes=-_bilinear_form(psi, dP, eta), errors=right.last_error[:, None]
     )
     return right.valid & left.valid, g, ROUND_UP * slope_changes
 

@@ -15,12 +15,7 @@ import numpy as np
 
 from framework.dynamics.platform_wrench import action_lines
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import (
-    carried_points,
-    frame_positions,
-    joint_axis,
-    joint_poses,
-)
+from framework.kinematics.placements import carried_points, frame_positions, joint_axis, joint_poses
 from framework.kinematics.platform import FramePlatform
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape

@@ -13,12 +13,7 @@ from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import track_path, uncontrolled_error, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import (
-    LinearisedLoops,
-    passive_matrix,
-    type1_matrix,
-    type2_matrix,
-)
+from framework.kinematics.linearised_loops import LinearisedLoops, passive_matrix, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path

@@ -233,9 +233,7 @@ def _end_at_turning_points(
     last = select(curves, ending)
     ends = curves_at(robot, ahead.linearised.select(found), last.x)
     ends = ends._replace(
-        share=ahead.share[found],
-        steps=last.steps + 1,
-        largest=np.maximum(last.largest, ends.clearance),
+        share=ahead.share[found], steps=last.steps + 1, largest=np.maximum(last.largest, ends.clearance)
     )
     assign(curves, ending, ends)
     return ending
