@@ -3,14 +3,10 @@
 The distance to the nearest singular pose is the margin from Type 2 (`nearest_singular_pose`). Rays start at
 the platform coordinates x of the pose in many directions. Continuation follows all of them at once until the
 branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method looks for the
-foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the locus. From y
-it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
-
-    y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
-
-The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
-radius of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
-bounds differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
+foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the locus. The
+foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the radius
+of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The bounds
+differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
 
 The nearest pose to a target is sought among the poses that are joined to the reference (`nearest_pose`). A
 search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are sampled

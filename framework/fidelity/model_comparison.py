@@ -1,8 +1,5 @@
 """The comparison of the levels of fidelity: the torques of each drive a simulation of the highest model.
 
-All levels follow one motion (`predicted_level`). The simulation begins at rest at the start of the path and
-ends with the motion, or when the platform is lost: too far from the motion to come back.
-
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
 controller, which drives the motor back to its planned angle.
 """

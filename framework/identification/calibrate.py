@@ -249,7 +249,7 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         placed = place_fixtures(geometry, measured, q)
         frames = frames_at(geometry.model, q)
         start = np.zeros(len(placed.names))
-        offset = measurement_offsets(placed, geometry.model, measured, frames, start).offset
+        offset = measurement_offsets(placed, geometry.model, measured, frames, start)[0]
         spread = measured.values.std(axis=0)  # (m,)
         touches = [name.startswith(TOUCH) for name in measured.names]
         spread[touches] = geometry.robot.length  # they are all about zero
@@ -319,7 +319,7 @@ def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, valu
             residual=float(poses.linearised.gap[worst]),
         )
     frames = poses.linearised.frames
-    offset = measurement_offsets(geometry, model, measured, frames, values).offset  # (T, m)
+    offset, *_ = measurement_offsets(geometry, model, measured, frames, values)  # (T, m)
     return np.sqrt(np.mean(offset**2, axis=0))
 
 

@@ -6,11 +6,8 @@ A line of coefficients, made complex by random factors, connects the start syste
 group. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
 are tracked in stacks.
 
-A path that does not arrive is tracked again by the endgame, in segments: each reduces the remaining share s
-of the line to `ENDGAME_SEGMENT_RATIO` s. The size of a displacement (`displacement_sizes`) behaves as s^-w
-with a rational exponent w (Puiseux; Morgan, Sommese and Wampler 1992). If w is positive and the same over
-successive segments, the path goes to infinity; if w = 0, it ends at a multiple solution. All other paths are
-lost.
+A path that does not arrive is tracked again by the endgame, which tells by its growth whether it goes to
+infinity or ends at a multiple solution (Morgan, Sommese and Wampler 1992). All other paths are lost.
 
 Krawczyk's test encloses the ends of all paths that arrive: each enclosure holds exactly one solution, for all
 coefficients within their rounding. The solution is real if the middle of the enclosure is real, and not real
@@ -362,10 +359,11 @@ def _run_endgame(
 ) -> None:
     """Classify paths by their growth over shrinking segments, in place.
 
-    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. If the size behaves as s^-w,
-    a segment has the exponent w = -(change of log size) / log(ratio). The exponents of successive segments
-    distinguish infinity (the same w > 0) from a finite end (w = 0). A path with a finite end is tracked to
-    it, unless it has arrived before. Paths that are lost or stay undecided keep their flags in `ends`.
+    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. The size behaves as s^-w with
+    a rational w (Puiseux), and a segment has the exponent w = -(change of log size) / log(ratio). The
+    exponents of successive segments distinguish infinity (the same w > 0) from a finite end (w = 0). A path
+    with a finite end is tracked to it, unless it has arrived before. Paths that are lost or stay undecided
+    keep their flags in `ends`.
 
     Args:
         line: coefficients (K, M) of the start system and of the target system.

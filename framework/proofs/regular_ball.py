@@ -9,13 +9,9 @@ rest follows by induction.
 The test proves that a cell of platform coordinates x is free of singularities on one branch. Let the middle
 x_m have the joints q_m, F = [platform - x ; loops], and Y be the inverse of dF/dq at the middle. If, by
 `derivative_bounds`, the map q - Y F takes the box |q - q_m| < r into itself and contracts it (Krawczyk), then
-for every x of the cell the box holds one pose, and no Type 1 singularity. The joints are q_m + Y (x - x_m) up
-to an error e. There is no Type 2 singularity either if a bound on |1 - Y_P P|, with Y_P near the inverse of P
-at the middle,
-
-    |1 - Y_P P_m| + sum_i |Y_P dP/dq . Y_i| |dx_i| + |Y_P| (|dP/dq| e + change of dP/dq),
-
-has a spectral radius below 1. A turn of the platform is measured from the middle by the antisymmetric part of
+for every x of the cell the box holds one pose, and no Type 1 singularity. There is no Type 2 singularity
+either if a bound on |1 - Y_P P|, with Y_P near the inverse of P at the middle, has a spectral radius below 1
+(`_passive_block_is_regular`). A turn of the platform is measured from the middle by the antisymmetric part of
 R R_m'. Its size is the sine of the angle, which is no more than the change of the coordinates.
 """
 

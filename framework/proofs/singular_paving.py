@@ -1,15 +1,13 @@
 """All singular poses of a robot with one or two freedoms, in boxes, with a proof that there are no others.
 
-Boxes are of all moving joints: hinges turn all the way round, slides move within a reach. `SingularBoxTest`
-drops, keeps, narrows or cuts a box. A box that is kept encloses an arc of a smooth curve of singular poses
-(with one freedom: a single pose). Undecided boxes are listed. The proof trusts pinocchio's positions and
-directions at one configuration up to `tolerances.FRAME_ROUNDING`.
+Boxes are of all moving joints: hinges turn all the way round, slides move within a reach. The proof trusts
+pinocchio's positions and directions at one configuration up to `tolerances.FRAME_ROUNDING`.
 
 Let F = [platform - x ; loops]. A singular set consists of the poses in which a block of dF/dq loses rank, so
 that the bordered scalar g of the block is zero. A box is dropped if the loops cannot close in it, or if g is
 zero nowhere in it. It is narrowed by the equations {loops = 0, g = 0}. It is kept if Krawczyk's test proves
-that a slightly larger box holds exactly one singular pose for each value of one of its joints, and if the
-tube about this arc is small.
+that a slightly larger box holds exactly one singular pose for each value of one of its joints (with one
+freedom: a single pose), and if the tube about this arc is small.
 
 Sources: Merlet, Parallel Robots, 2nd ed., Springer 2006, chapter 11; Bohigas, Manubens and Ros, Singularities
 of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear relaxations.
@@ -137,19 +135,14 @@ def pave_singularities(
     # pave Type 2, then Type 1 of each leg
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
-    others = _bound_other_rows(robot, reach)
+    others = None  # of the loop equations that `DerivativeBounds.of` leaves out, if these may open
+    if robot.structure.varies:
+        others = DerivativeBounds.of(robot.with_fixed_rows(robot.structure.dropped), reach=reach)
     sets = tuple(
         _pave_set(SingularBoxTest(bounds, others, block, region, resolution), reach, max_boxes)
         for block in singular_sets(bounds.robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
-
-
-def _bound_other_rows(robot: ParallelRobot, reach: float) -> DerivativeBounds | None:
-    """Return bounds of the loop equations that `DerivativeBounds.of` leaves out, if these may open."""
-    if not robot.structure.varies:
-        return None
-    return DerivativeBounds.of(robot.with_fixed_rows(robot.structure.dropped), reach=reach)
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
