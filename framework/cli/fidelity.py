@@ -118,13 +118,9 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
     return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
-def _format_row(
-    study: FidelityStudy,
-    comparison: Comparison,
-    *,
-    same_law: float = 1e-12,  # difference in s of two laws that is rounding
-) -> str:
+def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
     """Return the row of the table for one level."""
+    same_law = 1e-12  # difference in s of two laws that is rounding
     name = comparison.level.name
     indicators = study.indicators
     plan = torque = law = deflection = "-"
@@ -140,12 +136,9 @@ def _format_row(
     return "\t".join(cells)
 
 
-def _format_percent(
-    share: float,
-    *,
-    largest: float = 10.0,  # error from which on > 1000 % is printed
-) -> str:
+def _format_percent(share: float) -> str:
     """Format a share in per cent, with rounding errors as 0."""
+    largest = 10.0  # error from which on > 1000 % is printed
     if not np.isfinite(share):
         return "-"
     if share >= largest:

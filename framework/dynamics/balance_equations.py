@@ -312,13 +312,7 @@ class BalanceEquations:
         """The laws with one scalar of plus and of minus its step, for each scalar."""
         return [(self.family(change), self.family(-change)) for change in np.diag(self.steps)]
 
-    def _rest_matrix(
-        self,
-        state: BalanceState,
-        *,
-        # rate or acceleration over that of the quickest spring; below, rest counts less
-        negligible_spring: float = 1e-3,
-    ) -> Array:
+    def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
         Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
@@ -326,6 +320,8 @@ class BalanceEquations:
         then springs that do not vibrate are not at rest either.
         C is the number of coefficients of the series, k that of the law's scalars.
         """
+        # rate or acceleration over that of the quickest spring; below, rest counts less
+        negligible_spring = 1e-3
         splines, prescribed = state.splines, state.samples.prescribed
         law = state.samples.clock.law
         is_at_rest = (

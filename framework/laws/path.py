@@ -256,11 +256,12 @@ def _find_largest_change(path: Path, order: int, s: Array) -> tuple[float, float
     return s[k], s[k + 1], changes[k], np.abs(values).max()
 
 
-def _test_intervals(path: Path, *, difference_intervals: int = 9) -> tuple[Array, Array]:
+def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
     Each panel, between two knots or ends of the path, has `difference_intervals` at equal distances.
     """
+    difference_intervals = 9
     knots = real_numbers("path: knots", path.knots)
     edges = np.concatenate(([0.0], knots, [1.0]))
     widths = np.diff(edges) / difference_intervals  # (panels,)

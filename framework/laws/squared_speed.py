@@ -248,6 +248,14 @@ def slowness_on_panels(
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
+class LinearDuration(NamedTuple):
+    """The duration of a squared speed, its derivatives, and the panels of both integrals."""
+
+    duration: float  # [s]
+    slopes: Array  # (size,) by the coefficients
+    edges: Array  # (p + 1,) of the panels in sigma
+
+
 class SpeedSpace(NamedTuple):
     """The squared speeds z(xi(sigma)) that a basis represents, by their coefficients y (size,) [1/s^2]."""
 
@@ -256,7 +264,7 @@ class SpeedSpace(NamedTuple):
 
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
-        return self._linearise_duration(y)[0]
+        return self._linearise_duration(y).duration
 
     def blend(
         self,
@@ -277,11 +285,12 @@ class SpeedSpace(NamedTuple):
         share = 0.0
         edges = None  # of the panels of the last blend
         for _ in range(max_steps):
-            blended, slopes, edges = self._linearise_duration(y, edges)
-            excess = blended - duration
+            linear = self._linearise_duration(y, edges)
+            edges = linear.edges
+            excess = linear.duration - duration
             if excess <= SAME_PLACE * duration:
                 break
-            share -= excess / float(slopes @ direction)
+            share -= excess / float(linear.slopes @ direction)
             y = slow + share * direction
         return y
 
@@ -317,9 +326,10 @@ class SpeedSpace(NamedTuple):
             slopes = matrix
             values = equalities(y)
             if duration is not None:
-                reached, duration_slopes, edges = self._linearise_duration(y, edges)
-                slopes = np.vstack([slopes, duration_slopes])
-                values = np.append(values, reached - duration)
+                linear = self._linearise_duration(y, edges)
+                edges = linear.edges
+                slopes = np.vstack([slopes, linear.slopes])
+                values = np.append(values, linear.duration - duration)
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
@@ -362,8 +372,8 @@ class SpeedSpace(NamedTuple):
         degree_cost = np.diag((np.arange(size) / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
-    def _linearise_duration(self, y: Array, edges: Array | None = None) -> tuple[float, Array, Array]:
-        """Compute T [s] of a positive z with coefficients y (size,), dT/dy (size,), and the panels' edges.
+    def _linearise_duration(self, y: Array, edges: Array | None = None) -> LinearDuration:
+        """Compute T [s] of a positive z with coefficients y (size,), and dT/dy (size,).
 
         dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
         on the panels that resolve z^(-1/2).
@@ -379,4 +389,4 @@ class SpeedSpace(NamedTuple):
         sigma_weights = (half_widths * weights).ravel()  # (P,)
         z = basis_values @ y
         duration = float(sigma_weights @ z**-0.5)
-        return duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values), edges
+        return LinearDuration(duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values), edges)

@@ -90,11 +90,7 @@ class RealSolutions(ReadOnlyArrays):
 
 
 def find_real_solutions(
-    group: Displacements,
-    coefficients: Array,
-    rounding: float = LEG_COEFFICIENT_ROUNDING,
-    *,
-    max_attempts: int = 4,  # each along other paths, while some are lost
+    group: Displacements, coefficients: Array, rounding: float = LEG_COEFFICIENT_ROUNDING
 ) -> RealSolutions:
     """Find all real displacements that solve conditions with coefficients (K, M).
 
@@ -104,6 +100,7 @@ def find_real_solutions(
         group: the displacements among which the solutions are, with M functions.
         rounding: error of the coefficients, relative to the largest coefficient of each condition.
     """
+    max_attempts = 4  # each along other paths, while some are lost
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if group.is_dependent(coefficients):  # no solution is isolated
         R, p = group.to_displacements(np.zeros((0, group.size)))

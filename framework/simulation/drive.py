@@ -170,16 +170,11 @@ class WorldForces:
 
 
 def state_derivatives(
-    robot: ParallelRobot,
-    function: Callable[[Array, Array, Array], Array],
-    t: float,
-    q: Array,
-    v: Array,
-    *,
-    # [rad, m; rad/s, m/s] step of the differences
-    step: float = 1e-7,
+    robot: ParallelRobot, function: Callable[[Array, Array, Array], Array], t: float, q: Array, v: Array
 ) -> Array:
     """Compute the derivatives (2, k, nv) of k functions of t (T,), q (T, nq), v (T, nv) by q and v."""
+    # [rad, m; rad/s, m/s] step of the differences
+    step = 1e-7
     nv = robot.nv
     times = np.full(nv, t)
     # central differences; row k of the stacks of nv states steps joint k

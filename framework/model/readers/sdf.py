@@ -414,14 +414,9 @@ def _make_link(scope: Scope, name: str) -> Element:
     return link
 
 
-def _read_limits(
-    joint: Element,
-    name: str,
-    tag: str,
-    *,
-    unlimited: float = 1e15,  # [rad, m] limits of this size or more mean no limit
-) -> tuple[float, float] | None:
+def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
     """Read lower and upper limit [rad, m] along the axis in the element `tag`; None if one is unlimited."""
+    unlimited = 1e15  # [rad, m] limits of this size or more mean no limit
     where = f"joint {name!r}"
     limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):
