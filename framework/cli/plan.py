@@ -185,10 +185,6 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
 
     Start and goal are platform coordinates. At the goal the other motors have the same positions as without
     the flip.
-
-    Raises:
-        InvalidInput: an unknown motor, or no pose with these legs flipped.
-        NoAnswer: no line in joints leads there.
     """
     from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
 

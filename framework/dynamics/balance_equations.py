@@ -213,17 +213,13 @@ class BalanceEquations:
             NotAssembled: the deflections tear the loops.
         """
         branch = self.branch
-        samples = self._sample(splines, series, scalars)
+        clock = self.family(scalars)
+        samples = self._prescribe(splines, series, clock, clock.motion(splines.nodes.p))
         guess = branch.guess(samples.prescribed.s) if near is None else near
         balance = evaluate_balance(
             branch.robot, samples.prescribed, guess, wrenches=branch.wrenches, stiffer=stiffer
         )
         return BalanceState(splines, series, scalars, samples, balance)
-
-    def _sample(self, splines: DeflectionSplines, series: Array, scalars: Array) -> SampledMotion:
-        """Evaluate motion and deflections, with two time derivatives, at the nodes."""
-        clock = self.family(scalars)
-        return self._prescribe(splines, series, clock, clock.motion(splines.nodes.p))
 
     def prescribe_at(self, state: BalanceState, z: float, u: float) -> DeflectedMotion:
         """Return the motion at z and u of the law, with the deflections of a state as functions of xi."""

@@ -342,7 +342,11 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
         for frame in robot.model.frames:
             if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in with_mass:
                 frames.append(frame)
-                columns.append(_link_columns(robot, parameters, body, frame))
+                # the ten parameters of a link add to those of its body after a change of axes
+                matrix = np.zeros((len(parameters.names), 10))
+                pose_on_body = link_axes(robot.model, frame.parentJoint).inverse() * frame.placement
+                matrix[10 * body : 10 * body + 10] = parameter_transform(pose_on_body)
+                columns.append(matrix)
 
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
@@ -353,18 +357,6 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
         prior_sizes=np.concatenate([*map(_link_sizes, link_values), _motor_prior_sizes(parameters, motors)]),
         to_parameters=np.concatenate([*columns, motor_columns], axis=1),
     )
-
-
-def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, body: int, link: pin.Frame) -> Array:
-    """Return the matrix (p, 10) by which a link adds to the p parameters of bodies and motors.
-
-    The ten parameters of the link, on its own axes, add to the ten of its body after a change of axes. `body`
-    is the index of the body.
-    """
-    matrix = np.zeros((len(parameters.names), 10))
-    pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
-    matrix[10 * body : 10 * body + 10] = parameter_transform(pose_on_body)
-    return matrix
 
 
 def _motor_prior_sizes(parameters: TorqueParameters, motors: slice) -> Array:

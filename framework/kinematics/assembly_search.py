@@ -287,11 +287,7 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _find_nearest_offsets(group: _Group) -> Array:
-    """Find the smallest offsets (k,) that close a group's loops, from several starts.
-
-    Raises:
-        NotAssembled: no start leads to a closed pose.
-    """
+    """Find the smallest offsets (k,) that close a group's loops, from several starts."""
     enough_poses = 8  # number of closed poses after which the search ends
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)

@@ -363,11 +363,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
-    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`.
-
-    Raises:
-        RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
-    """
+    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`."""
     file = parsed.description.file
     urdf = copy_without_shapes(parsed.urdf)  # changed in place below
     make_continuous_joints_revolute(urdf)

@@ -431,9 +431,6 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
     """Return the linear equations of k conditions: rows (k, k), their inverse, row sizes (k,).
 
     A condition (x, order) sets a derivative of s at the normalised time x.
-
-    Raises:
-        InvalidInput: the rows are linearly dependent.
     """
     x, orders = zip(*conditions, strict=True)
     rows, row_sizes = _scaled_rows(np.array(x), orders)

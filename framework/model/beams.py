@@ -246,9 +246,6 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
 
     `y` (3,), of any length, directs the section; only its part across the beam counts. Without it the axes
     are those of the least rotation from x to `along`.
-
-    Raises:
-        InvalidInput: see `split_beam`.
     """
     if y is None:
         # 1 + along_x is about angle^2 / 2 at a small angle from -x

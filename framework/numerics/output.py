@@ -93,9 +93,6 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
         names: of the files.
         document: name of the JSON file that marks the others as files of this program; None overwrites any.
         complaint: beginning of the message.
-
-    Raises:
-        OutputError: one of the files exists and must stay.
     """
     present = [name for name in names if os.path.lexists(folder / name)]
     for name in present:

@@ -154,22 +154,15 @@ def occurrences(
         values = [last_values[event], *(_event_value(event, *state) for state in states[1:])]
         last_values[event] = values[-1]
         for k, (begin_value, end_value) in enumerate(pairwise(values)):
-            if _has_zero(event, begin_value, end_value):
+            # a zero at the beginning belongs to the interval that ends there
+            changes_sign = begin_value != 0.0 and begin_value * end_value <= 0.0
+            if changes_sign and event.direction * (end_value - begin_value) >= 0.0:
                 zero = _find_zero(event, step, times[k], times[k + 1])
                 q, v = step(np.array([zero]))
                 occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
     terminal = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
     return occurred[: terminal[0] + 1] if terminal else occurred
-
-
-def _has_zero(event: Event, begin_value: float, end_value: float) -> bool:
-    """Return whether two successive values of an event's function bracket a zero in its direction.
-
-    A zero at the beginning belongs to the interval that ends there.
-    """
-    changes_sign = begin_value != 0.0 and begin_value * end_value <= 0.0
-    return changes_sign and event.direction * (end_value - begin_value) >= 0.0
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:

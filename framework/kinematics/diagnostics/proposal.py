@@ -156,9 +156,6 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     """Choose motors at a closed pose, then the first platform that the motors drive.
 
     Frames are tried first, then, if `by_joints`, positions of joints.
-
-    Raises:
-        RobotFileError: nothing can be proposed.
     """
     if not motions.freedoms:
         raise _no_freedom_error(motions, partial)
@@ -280,9 +277,6 @@ def _choose_best_motors(motions: LoopMotions, partial: PartialRobot) -> list[str
 
     Conditioned best are the rates with the largest least singular value. Beyond `max_choices` sets of motors,
     pivoting chooses.
-
-    Raises:
-        RobotFileError: two choices are equally good.
     """
     max_choices = 20_000
     names = partial.description.motor_joints

@@ -443,11 +443,7 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop that is cut at a joint between two links of the tree.
-
-    Raises:
-        RobotFileError: a closure cannot express joints of this type.
-    """
+    """Close the loop that is cut at a joint between two links of the tree."""
     if (kind := joint.element.get("type")) in (*_UNREAD_TYPES, "screw"):
         instead = {
             "screw": "a revolute and a prismatic joint in series, one with <mimic> of the other",
