@@ -427,10 +427,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         properties = joints.get(actuator.joint, JointDynamics())
         joints[actuator.joint] = replace(properties, damping=damping, friction=friction)
     return replace(
-        description,
-        urdf_text=tostring(urdf, encoding="unicode"),
-        actuators=tuple(actuators),
-        joints=joints,
+        description, urdf_text=tostring(urdf, encoding="unicode"), actuators=tuple(actuators), joints=joints
     )
 
 

@@ -192,10 +192,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         joints=chosen,
         lengths=lengths,
         names=numbers
-        or (
-            *(f"{name}.{axis}" for name in chosen for axis in AXES),
-            *(f"{name}.length" for name in lengths),
-        ),
+        or (*(f"{name}.{axis}" for name in chosen for axis in AXES), *(f"{name}.length" for name in lengths)),
         numbers=numbers,
         turning=np.array([axis.startswith("r") for axis in AXES] * len(chosen) + [False] * len(lengths)),
     )

@@ -287,11 +287,7 @@ class StepEquations:
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)  # (s, nv, 3 nv)
         try:
             return NewtonMatrix.of(
-                self.length,
-                self.table.differentiation,
-                by_motion,
-                tangent.jacobian,
-                rank=self.equations.rank,
+                self.length, self.table.differentiation, by_motion, tangent.jacobian, rank=self.equations.rank
             )
         except np.linalg.LinAlgError:
             raise StepFailed("singular equations") from None

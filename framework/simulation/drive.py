@@ -110,12 +110,7 @@ class WorldForces:
         return bool(self.wrenches.entries or self.functions)
 
     def __call__(
-        self,
-        robot: ParallelRobot,
-        t: Array,
-        q: Array,
-        v: Array,
-        models: Sequence[pin.Model] | None = None,
+        self, robot: ParallelRobot, t: Array, q: Array, v: Array, models: Sequence[pin.Model] | None = None
     ) -> Array:
         """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s], q (T, nq) and v (T, nv).
 

@@ -128,10 +128,7 @@ class Occurrence:
 
 
 def occurrences(
-    events: Sequence[Event],
-    step: Trajectory,
-    samples: int,
-    last_values: dict[Event, float],
+    events: Sequence[Event], step: Trajectory, samples: int, last_values: dict[Event, float]
 ) -> list[Occurrence]:
     """Find the events of one step in order of time, the first terminal event last.
 
