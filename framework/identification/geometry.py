@@ -229,11 +229,7 @@ def _dimensions_with(
 def _dependent_dimensions(
     description: RobotDescription, numbers: Names, joints: Sequence[str], lengths: Sequence[str]
 ) -> list[str]:
-    """Return the joints and closures whose dimensions depend on parameters of the robot file.
-
-    Raises:
-        InvalidInput: a parameter changes no dimension, or something that is none, such as a gear ratio.
-    """
+    """Return the joints and closures whose dimensions depend on parameters of the robot file."""
     depend: set[str] = set()
     for name, step in zip(numbers, _steps(description, numbers), strict=True):
         change = {name: step}

@@ -144,9 +144,6 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
         header: names of all columns.
         columns: indices of the columns to read.
         cells: texts of the row.
-
-    Raises:
-        InvalidInput: another number of cells than columns; a cell that is not a finite number.
     """
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")

@@ -339,9 +339,6 @@ def _drive_by_plan(
     Args:
         breaks: further instants [s] at which the torque jumps or has a kink.
         world: the external wrenches.
-
-    Raises:
-        InvalidInput: the plan has another number of motors.
     """
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:

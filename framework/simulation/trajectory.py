@@ -89,9 +89,6 @@ def _step_index(edges: Array, t: Array) -> IntArray:
     """Find the index (T,) of the step that contains each of the times t (T,).
 
     The K steps lie between the instants `edges` (K + 1,).
-
-    Raises:
-        InvalidInput: a time lies outside of all steps.
     """
     slack = SAME_PLACE * (edges[-1] - edges[0])
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
@@ -178,11 +175,7 @@ def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -
 
 
 def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
-    """Return the value of an event's function at t [s], q (nq,) and v (nv,).
-
-    Raises:
-        InvalidInput: the value is not a number.
-    """
+    """Return the value of an event's function at t [s], q (nq,) and v (nv,)."""
     value = event.function(t, q, v)
     try:
         number = float(value)
