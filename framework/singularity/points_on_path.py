@@ -319,13 +319,13 @@ def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank)[1]))
     points = stencil(s)
     P = passive.evaluate(points)  # (3, n_p, n_p)
-    local = differentiate_g(P, points)
+    _, slope, g_above = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
-        return local.slope
+        return slope
     # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil, beyond the
     # root, det P has a sign, and g must have the same.
-    sign = np.sign(local.g_above) * np.linalg.slogdet(P[-1]).sign
-    return float(local.slope * sign)
+    sign = np.sign(g_above) * np.linalg.slogdet(P[-1]).sign
+    return float(slope * sign)
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:

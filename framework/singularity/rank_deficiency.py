@@ -116,8 +116,8 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
 
 def _general_root(measured: MeasuredMatrix, candidate: Candidate, size: int) -> Contact | None:
     """Find the root of det G near a candidate by differences; None if Newton's method leaves it."""
-    root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-    return Contact(root.place, "transversal") if root.converged else None
+    s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+    return Contact(s, "transversal") if converged else None
 
 
 def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | None:
