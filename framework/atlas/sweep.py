@@ -99,9 +99,7 @@ def _fill_lattice(
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)  # row and column of the neighbour
         for k, (down, right) in enumerate(DIRECTIONS):
-            # whether the neighbour of each pose in this direction is filled, false beyond the border
-            beside = np.pad(filled, 1)[1 - down :, 1 - right :][: len(filled), : filled.shape[1]]
-            chosen = beside & wanted & ~filled & untried[k] & ~is_target
+            chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
             untried[k] &= ~chosen
             is_target |= chosen
             sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
@@ -114,6 +112,12 @@ def _fill_lattice(
         reached = ends.reason == PoseReason.REACHED
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
+
+
+def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
+    """Return a mask (I, J) moved `down` rows and `right` columns, -1, 0 or 1 each; false at the border."""
+    rows, columns = mask.shape
+    return np.pad(mask, 1)[1 - down :, 1 - right :][:rows, :columns]
 
 
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
@@ -198,10 +202,13 @@ def _accept_steps(
         correction: (k, nv) offsets from the predicted to the closed configurations.
     """
     end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
-    _, is_small, is_straight = measure_steps(robot, correction, prediction, end_step)
-    accepted = is_small & share_working_mode(robot, ModeStates.of(robot, start), ModeStates.of(robot, end))
+    measure = measure_steps(robot, correction, prediction, end_step)
+    # `small`: the correction is small; `straight`: the tangent turns little
+    accepted = measure.small.copy()
+
+    accepted &= share_working_mode(robot, ModeStates.of(robot, start), ModeStates.of(robot, end))
 
     # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
-    turned = np.flatnonzero(accepted & ~is_straight)  # steps whose tangent turns much
+    turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much
     accepted[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
     return accepted

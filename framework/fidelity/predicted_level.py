@@ -39,6 +39,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES, LEVELS, LEVELS_BY_NAME, Level, RobotDescription
 from framework.model.urdf_edits import with_bodies
+from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import ModelOnMotion
 from framework.planning.plan import plan_request
 from framework.planning.request import SMOOTHNESS, Request, largest_by_unit, path_length
@@ -303,10 +304,7 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
     times = np.linspace(0.0, rigid.duration, STEPS + 1)
     try:
         motor_speed = platform_wrench(rigid.robot, rigid.motion(times)).motor_speed  # G (T, n_a, n)
-        # the matrices of the error dynamics change slowly, and are expensive: a spline through few instants
-        instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
-        matrices = error_dynamics(rigid, instants)  # three stacks (GROWTH_INSTANTS, n, n)
-        error_matrices = ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
+        error_matrices = _interpolate_error_dynamics(rigid, times)
     except NoAnswer:  # at the boundary of the workspace
         return Indicators.of({})
     if control is not None:
@@ -335,6 +333,17 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
         if motion.dynamics is not None:
             errors[name] = estimate(motion.dynamics)
     return Indicators.of(errors)
+
+
+def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
+    """Interpolate the matrices of the platform's error dynamics in a rigid robot's motion at t (T,) [s].
+
+    They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
+    """
+    instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
+    # stacks (GROWTH_INSTANTS, n, n) of the three matrices; axis 1 of their array is time
+    matrices = error_dynamics(rigid, instants)
+    return ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
 
 
 def format_percent(share: float) -> str:

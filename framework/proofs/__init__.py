@@ -13,7 +13,7 @@ complete   leg_solutions: all configurations leg by leg, those that show the sam
 bounds     derivative_bounds over equation_terms: equations and derivatives in boxes of joints
 existence  krawczyk: one solution in a box;
            passive_joints: one solution near given motors or a given platform pose
-uses       converted_reference: a reference away from singularities, with words for its other modes
+uses       converted_reference: the reference of a converted file, with words for its other modes
 tools      rounding, branch_and_bound, interval_newton
 """
 

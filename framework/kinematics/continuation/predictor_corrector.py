@@ -44,23 +44,29 @@ MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
 
 
-def measure_steps(
-    robot: Mechanism, offset: Array, predicted: Array, end_step: Array
-) -> tuple[Array, BoolArray, BoolArray]:
+class StepMeasure(NamedTuple):
+    """Measures of T steps that tell whether each stayed on its branch."""
+
+    correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
+    small: BoolArray  # (T,) whether the correction is small, absolutely or compared with the step
+    straight: BoolArray  # (T,) whether the tangent has turned no more than a single branch allows
+
+
+def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_step: Array) -> StepMeasure:
     """Measure whether T steps stayed on their branches.
 
     Args:
-        offset: (T, nv) from the predicted to the closed configurations.
+        correction: (T, nv) offsets from the predicted to the closed configurations.
         predicted: (T, nv) steps along the tangents at the starts.
         end_step: (T, nv) steps of the same parameter lengths along the tangents at the ends.
-
-    Returns:
-        The corrections of the predictor (T,) [rad, lengths]; whether each is small, absolutely or compared
-        with the step; whether the tangent has turned no more than a single branch allows.
     """
-    correction, advance = largest_motion(robot, offset), largest_motion(robot, predicted)
+    corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
     turned = largest_motion(robot, end_step - predicted)
-    return correction, is_small(correction, advance), is_straight(turned, correction, advance)
+    return StepMeasure(
+        correction=corrected,
+        small=is_small(corrected, advance),
+        straight=is_straight(turned, corrected, advance),
+    )
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:

@@ -414,9 +414,14 @@ def _make_link(scope: Scope, name: str) -> Element:
     return link
 
 
-def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
+def _read_limits(
+    joint: Element,
+    name: str,
+    tag: str,
+    *,
+    unlimited: float = 1e15,  # [rad, m] limits of this size or more mean no limit
+) -> tuple[float, float] | None:
     """Read lower and upper limit [rad, m] along the axis in the element `tag`; None if one is unlimited."""
-    unlimited = 1e15  # [rad, m] limits of this size or more mean no limit
     where = f"joint {name!r}"
     limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):
@@ -443,7 +448,11 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop that is cut at a joint between two links of the tree."""
+    """Close the loop that is cut at a joint between two links of the tree.
+
+    Raises:
+        RobotFileError: a closure cannot express joints of this type.
+    """
     if (kind := joint.element.get("type")) in (*_UNREAD_TYPES, "screw"):
         instead = {
             "screw": "a revolute and a prismatic joint in series, one with <mimic> of the other",
