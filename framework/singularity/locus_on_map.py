@@ -180,12 +180,10 @@ def _trace_modes(
         starts = np.concatenate([minima[is_minimum], changes[is_change, :2]])  # indices i, j
         if len(starts):
             # the parts of the curves on the map's branch that are not among the earlier ones
-            parts = list[MapCurve]()
             for curve in _trace_near(equations, poses, _configurations_at(poses, starts)):
                 for part in _parts_on_branch(equations, poses, curve):
-                    if _is_apart(poses, part.x, curves + parts, SAME_CURVE_CELLS).any():
-                        parts.append(part)
-            curves += parts
+                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
+                        curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
     return curves, unexplained
 

@@ -91,7 +91,13 @@ def follow_curves(
     Type 2 singularity or where it cannot be followed.
     """
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
-    curves = _begin_curves(robot, start, linearised, turn)
+    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
+    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
+    curves.share[:] = 0.0
+    curves.steps[:] = 0
+    curves.least[:] = curves.clearance
+    curves.largest[:] = curves.clearance
+    curves = curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
 
     # a curve on which no joint moves farther than a corrector may is tried in a single step
     is_short = largest_motion(robot, curves.rate) < BRANCH_CORRECTION
@@ -125,19 +131,6 @@ def follow_curves(
         ended[_end_at_turning_points(robot, curves, refused, turn)] = True
         live = live[~ended[live] & (curves.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
     return curves
-
-
-def _begin_curves(
-    robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
-) -> MotorCurves:
-    """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
-    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
-    curves.share[:] = 0.0
-    curves.steps[:] = 0
-    curves.least[:] = curves.clearance
-    curves.largest[:] = curves.clearance
-    return curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
 
 
 def _take_steps(
