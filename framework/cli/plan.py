@@ -38,12 +38,7 @@ from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, choose_joint_path, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
-from framework.planning.plan import (
-    ADVANCES,
-    NEARLY_STOPS,
-    law_before_proof,
-    max_torque_ratio,
-)
+from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
 from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request

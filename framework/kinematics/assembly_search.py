@@ -44,12 +44,7 @@ UNSTATED_WEIGHT = 0.05  # of the offset of a joint that the reference does not s
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
 NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
-CLOSING: dict[str, Any] = {
-    "max_nfev": 60,
-    "xtol": 1e-12,
-    "ftol": 1e-12,
-    "gtol": 1e-12,
-}
+CLOSING: dict[str, Any] = {"max_nfev": 60, "xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
 
 
 class ClosedPose(NamedTuple):

@@ -351,11 +351,7 @@ class UrdfTree(Tree):
     # -------------------------------------------------------------- edits
 
     def close(
-        self,
-        name: str,
-        locked: Names,
-        ends: Iterable[tuple[str, str, Array]],
-        axes: Sequence[Array] = (),
+        self, name: str, locked: Names, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
     ) -> None:
         """Add a closure with `locked` axes between two ends.
 
