@@ -38,12 +38,7 @@ from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, flip_legs, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
-from framework.planning.plan import (
-    ADVANCES,
-    NEARLY_STOPS,
-    law_before_proof,
-    max_torque_ratio,
-)
+from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
 from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
@@ -186,10 +181,6 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
 
     Start and goal are platform coordinates. At the goal the other motors have the same positions as without
     the flip.
-
-    Raises:
-        InvalidInput: an unknown motor, or no pose with these legs flipped.
-        NoAnswer: no path in joints is found that leads there.
     """
     from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
 

@@ -323,13 +323,13 @@ def _unmixing(noise: Array, valid: BoolArray, noise_filters: Sequence[Array]) ->
     return np.linalg.inv(np.linalg.cholesky(white @ white.T + RANK_ROUNDING * np.eye(n_a)))
 
 
-def _noise_filter(
-    residual: Array, valid: BoolArray, *, max_order: int = 24, rows_per_order: int = 20
-) -> Array:
+def _noise_filter(residual: Array, valid: BoolArray) -> Array:
     """Return the filter (order + 1,) that turns the residuals (T,) of a motor into white unit noise.
 
     Levinson's recursion solves the Yule-Walker equations of all orders from the autocovariances.
     """
+    max_order = 24
+    rows_per_order = 20
     masked = np.where(valid, residual, 0.0)
     count = int(np.count_nonzero(valid))
     highest = int(min(max_order, count // rows_per_order))
