@@ -181,9 +181,13 @@ class Request(PlanOptions):
 
         There is no advice if the duration is missing: only the user can choose one.
         """
-        if self.times is not None:
-            refusal = InvalidInput("times: belong to the polynomial; the optimal law finds its own")
+        if self.times == ():
+            refusal = InvalidInput("times: none, for a law without crossings, belong to the polynomial")
             raise self._advise_change(refusal, times=None, speeds=None)
+        end = self.duration or self.longest or np.inf
+        for t in self.times or ():
+            if not 0.0 < t < end:
+                raise InvalidInput(f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}")
         if self.longest is not None and self.duration is not None:
             refusal = InvalidInput("longest: bounds a duration that is open; give either, not both")
             raise self._advise_change(refusal, duration=None)
@@ -251,6 +255,7 @@ class Specification(ReadOnlyArrays):
         limit, without bounding the torque; if no motor has a limit, all have the same weight.
     duration: exact duration [s]; None if open.
     longest: largest duration [s]; None if unbounded.
+    times: required instants [s] of the crossings; empty if they are open.
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.
     smoothness: order up to which derivatives of s are given at both ends.
     friction: (n_a,) dry friction, which is part of the motors' torques [N m], motor side.
@@ -265,6 +270,7 @@ class Specification(ReadOnlyArrays):
     smoothness: int
     friction: Array
     ends: Ends = REST
+    times: tuple[float, ...] = ()
 
     def scale_limits(self, share: float) -> Specification:
         """Return the specification with its limits multiplied by `share`."""
@@ -310,6 +316,7 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,
         ends=request.ends,
+        times=tuple(request.times or ()),
         friction=motor_friction(robot, request.friction),
     )
 

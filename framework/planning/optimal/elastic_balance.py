@@ -58,6 +58,7 @@ def find_law_in_balance(
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
     conditions = condition_rows(problem, law.basis)
+    instants = problem.instants_until(law.duration)
     # values of all conditions; those on required speeds and on ends in motion are set to what is required
     values = conditions.matrix @ law.coefficients
     values[len(points) :] = -conditions.offset[len(points) :]
@@ -67,7 +68,7 @@ def find_law_in_balance(
         targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
         try:
             equalities = Affine(conditions.matrix, -targets)
-            y = space.adjust(law.coefficients, equalities, law.duration, relative=True)
+            y = space.adjust(law.coefficients, equalities, instants, relative=True)
             shifted = replace(law, coefficients=y)
         except InvalidInput:
             raise _no_law_near(task) from None
@@ -99,7 +100,8 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     y = np.asarray(np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0], dtype=float)
     space = SpeedSpace(basis, law.stretch)
     try:
-        y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)
+        instants = problem.instants_until(law.duration)
+        y = space.adjust(y, condition_rows(problem, basis), instants, relative=True)
         return replace(law, coefficients=y, cells=ONE_CELL)
     except InvalidInput:
         raise _no_law_near(problem.task) from None

@@ -12,7 +12,7 @@ exactly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeGuard
 
@@ -27,6 +27,7 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
+MAX_SETTLING_STEPS = 20  # with the tangents of all stages, towards required instants
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
@@ -65,37 +66,42 @@ class SmoothSearch(NamedTuple):
     @property
     def bounds(self) -> Bounds:
         """The bounds of a smooth law: the limits, and the least cost enlarged by the share for smoothness."""
-        specification = self.program.problem.specification
+        problem = self.program.problem
+        specification = problem.specification
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
         if self.goal == "time":  # the cost is the duration, by the program's quadrature
-            return Bounds(min(cost_factor * self.least.least_duration, longest or np.inf), share=limit_share)
+            longest = min(cost_factor * self.least.least_duration, longest or np.inf)
+            return Bounds(problem.bound_stages(longest), share=limit_share)
         if longest is None:
             longest = self.duration_limit
         else:
             longest = min(longest * (1.0 - SAME_DURATION), self.duration_limit or np.inf)
+        stages = problem.bound_stages(longest)
         if self.goal == "energy":
-            return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
+            return Bounds(stages, energy=cost_factor * self.least.energy, share=limit_share)
         # the cost of the other goals is the peak; a law within the torque limits stays within them
         largest_peak = cost_factor * self.least.peak
         if specification.limited and self.least.peak <= 1.0:
             largest_peak = min(largest_peak, 1.0)
-        return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
+        return Bounds(stages, self.limit_share * largest_peak, share=self.limit_share)
 
     def limit_duration(self) -> SmoothSearch:
         """Return the search for laws of at most twice the least duration, unless a duration is required."""
         specification = self.program.problem.specification
         if self.goal == "time" or specification.duration is not None:
             return self
-        quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
+        bounds = self.bounds._replace(longest=self.program.problem.bound_stages(None))
+        quick = self.program.minimise("time", bounds, self.units)
         if isinstance(quick, Unsolved):
             return self
-        duration_limit = min(specification.longest or np.inf, 2.0 * quick.duration)
+        last_stop = sum(specification.times[-1:])
+        duration_limit = min(specification.longest or np.inf, last_stop + 2.0 * float(quick.durations[-1]))
         return self._replace(duration_limit=duration_limit, units=self.units._replace(time=duration_limit))
 
     def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
-        """Find a smooth law within the bounds, of the required duration, if any.
+        """Find a smooth law within the bounds, with the required instants, if any.
 
         Args:
             similar: the speed of a similar law.
@@ -103,6 +109,8 @@ class SmoothSearch(NamedTuple):
         duration = self.program.problem.specification.duration
         if similar is not None:  # with the costs of this program
             similar = self.program.evaluate_speed(similar.y)._replace(floor=similar.floor)
+        if self.program.problem.stops:
+            return self._find_timed(similar)
         if duration is not None:
             return self.find_lasting(duration, similar)
         return self._solve_above_floor(self.bounds, similar=similar)[0]
@@ -147,6 +155,106 @@ class SmoothSearch(NamedTuple):
             law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
         return self._improve("curvature", law, smooth, bounds, floor, duration)
 
+    # -------------------------------------------------------------- required times of crossings
+
+    def _find_timed(self, similar: Speed | None) -> Speed | NoneFound:
+        """Find a smooth law within the bounds that passes all crossings at the required instants.
+
+        The bounds count that no stage takes longer than required. If the smoothest law within them has too
+        quick a stage, laws are settled whose stages take exactly what is required. Where these cost more, the
+        least cost of a law so settled replaces that of the bounds.
+
+        Args:
+            similar: a law with these instants, if one is known.
+        """
+        quick, floor = self._solve_above_floor(self.bounds, similar=similar)
+        if isinstance(quick, Speed):
+            if self._mismatch(quick) <= SAME_DURATION:
+                return quick
+            starts = [quick] if similar is None else [similar, quick]
+            law = self._settle_any(starts, "curvature", self.bounds, floor)
+            if law is not None:
+                return law
+        elif self.goal == "time" or similar is not None:
+            return quick
+
+        # the least cost at these instants: down from a law without a bound of the cost
+        limits = Bounds(self.bounds.longest, share=self.bounds.share)
+        start, floor = self._solve_above_floor(limits, similar=similar)
+        if isinstance(start, NoneFound):
+            return start
+        law = self._settle_any([start], "curvature", limits, floor)
+        best = None if law is None else self._settle(law, self.goal, limits, floor)
+        if best is None:
+            listed = ", ".join(f"{t:.4g}" for t in self.program.problem.specification.times)
+            return NoneFound(self.program, f"no law was found that crosses at t = {listed} s")
+        least = self._replace(least=best)
+        return least._settle(best, "curvature", least.bounds, floor) or best
+
+    def _mismatch(self, law: Speed) -> float:
+        """Return the largest relative difference of a stage's duration from that required."""
+        stages = self.program.problem.stages
+        required = np.isfinite(stages)
+        return float(np.abs(law.durations[required] / stages[required] - 1.0).max(initial=0.0))
+
+    def _settle_any(
+        self, starts: Sequence[Speed], goal: str, bounds: Bounds, floor: float
+    ) -> Speed | None:
+        """Settle a law from the first of some starts from which it succeeds, or from one that waits."""
+        for start in starts:
+            law = self._settle(start, goal, bounds, floor)
+            if law is not None:
+                return law
+        # each stage waits at its end at rest, or in its middle
+        problem = self.program.problem
+        sigma = self._positive_sigma
+        stages = problem.stages
+        edges = np.array([0.0, *problem.stops, 1.0])
+        places = 0.5 * (edges[:-1] + edges[1:])
+        is_moving = problem.specification.ends.moving
+        places[0] = places[0] if is_moving[0] else 0.0
+        places[-1] = places[-1] if is_moving[1] else 1.0
+        for share in WAITING_WIDTHS:
+            cap = np.full(len(sigma), np.inf)
+            for place, width, stage in zip(places, share * np.diff(edges), stages, strict=True):
+                if np.isfinite(stage):
+                    cap = np.minimum(cap, _cap_speed(np.abs(sigma - place) < width, width, stage, floor))
+            slow = self.program.minimise(
+                "curvature", bounds._replace(longest=None), self.units, floor=floor, cap=cap
+            )
+            if isinstance(slow, Speed) and np.isfinite(slow.duration):
+                law = self._settle(slow, goal, bounds, floor)
+                if law is not None:
+                    return law
+        return None
+
+    def _settle(self, law: Speed, goal: str, bounds: Bounds, floor: float) -> Speed | None:
+        """Find the law of least cost whose stages take what is required; None without one.
+
+        Each program requires it of the tangents of the durations about the law before.
+
+        Args:
+            law: the first law.
+            goal: of `SpeedProgram.minimise`.
+            bounds: the bounds; those of stages with a required duration do not count.
+            floor: lower bound of z [1/s^2].
+        """
+        stages = self.program.problem.stages
+        longest = None
+        if bounds.longest is not None:
+            longest = np.where(np.isfinite(stages), np.inf, bounds.longest)
+        for _ in range(MAX_SETTLING_STEPS):
+            bounds = bounds._replace(longest=longest)
+            settled = self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, stages))
+            if isinstance(settled, Unsolved) or not np.isfinite(settled.duration):
+                return None
+            law = settled
+            if self._mismatch(law) <= SAME_DURATION:
+                return law
+        return None
+
+    # -------------------------------------------------------------- a required duration
+
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
@@ -164,7 +272,7 @@ class SmoothSearch(NamedTuple):
         """
         assert bounds.longest is not None
         status = ""
-        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2  # the highest first
+        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest.sum() ** 2  # the highest first
         if similar is not None and similar.floor > 0.0:
             floors = floors[np.argmin(np.abs(np.log(floors / similar.floor)), keepdims=True)]
         for floor in floors:
@@ -280,8 +388,9 @@ class SmoothSearch(NamedTuple):
             duration: by default that of the law.
         """
         duration = duration or law.duration
-        bounds = bounds._replace(longest=4.0 * duration)  # far above what a solution takes
-        slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=(law.y, duration))
+        bounds = bounds._replace(longest=np.array([4.0 * duration]))  # far above what a solution takes
+        about = (law.y, np.array([duration]))
+        slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=about)
         if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)
         return law
@@ -298,7 +407,9 @@ class SmoothSearch(NamedTuple):
             similar: a law of this duration, which takes the place of the law of least energy.
         """
         limits = Bounds(share=self.bounds.share)  # without a bound of duration, peak or energy
-        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
+        quick, floor = self._solve_above_floor(
+            limits._replace(longest=np.array([duration])), "energy", similar
+        )
         if isinstance(quick, NoneFound):
             return quick
         law = similar or quick
@@ -310,7 +421,7 @@ class SmoothSearch(NamedTuple):
             law = self._descend(min(starts, key=_energy_of), quick, floor)
 
         # the smoothest law within a share of this energy
-        bounds = Bounds(duration, energy=(1.0 + self.share) * law.energy, share=limits.share)
+        bounds = Bounds(np.array([duration]), energy=(1.0 + self.share) * law.energy, share=limits.share)
         smooth = self.program.minimise("curvature", bounds, self.units, floor=floor)
         if _takes_at_least(smooth, least_duration):
             return smooth

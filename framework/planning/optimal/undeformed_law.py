@@ -161,7 +161,10 @@ def problem_of(
         points: where condition (8) must hold.
         speed_places: s of the required speeds; by default the points.
     """
-    return LawProblem(task, *conditions_at(task, points, None, speed_places))
+    if speed_places is None:
+        speed_places = [point.s for point in points]
+    stops = [float(task.phi.inverse(s)) for s in speed_places] if task.specification.times else ()
+    return LawProblem(task, *conditions_at(task, points, None, speed_places), tuple(stops))
 
 
 def solve_problem(
@@ -228,7 +231,8 @@ def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: 
         problem = _linearise_damping(problem, points, law.squared_speed)
         rows = condition_rows(problem, law.basis)
         try:
-            law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
+            y = space.adjust(law.coefficients, rows, problem.instants_until(law.duration))
+            law = replace(law, coefficients=y)
         except InvalidInput as reason:
             raise NotConverged(
                 f"{problem.task.robot.name}: no law near the best has condition (8) with damping ({reason})",
