@@ -161,10 +161,10 @@ def _search_smooth(
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
-            smooth = search.find_smooth(similar)
+            search, smooth = search.find_smooth(similar)
             is_least_known = search.program is program_of_least
             if isinstance(smooth, NoneFound) and is_least_known and similar is not None:
-                smooth = search.find_smooth()
+                search, smooth = search.find_smooth()
             if isinstance(smooth, Speed):
                 # keep the law; add rows where it exceeds limits between the points
                 best = _make_best(search, smooth)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from framework.errors import InvalidInput
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.cone_program import Unsolved
 from framework.planning.optimal.law_problem import motor_rows
@@ -27,7 +28,9 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
-MAX_SETTLING_STEPS = 20  # with the tangents of all stages, towards required instants
+# with the tangents of all stages, towards required instants: steps; ratio of durations that may grow in each;
+# share of a duration by which a stage may differ before it is adjusted; blends that are compared
+MAX_SETTLING_STEPS, TRUSTED_DURATION, SETTLED_DURATION, BLENDS = 20, 1.5, 1e-3, 65
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
@@ -100,11 +103,14 @@ class SmoothSearch(NamedTuple):
         duration_limit = min(specification.longest or np.inf, last_stop + 2.0 * float(quick.durations[-1]))
         return self._replace(duration_limit=duration_limit, units=self.units._replace(time=duration_limit))
 
-    def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
+    def find_smooth(self, similar: Speed | None = None) -> tuple[SmoothSearch, Speed | NoneFound]:
         """Find a smooth law within the bounds, with the required instants, if any.
 
         Args:
             similar: the speed of a similar law.
+
+        Returns:
+            The search, with the least cost at the required instants where it had to be found, and the law.
         """
         duration = self.program.problem.specification.duration
         if similar is not None:  # with the costs of this program
@@ -112,8 +118,8 @@ class SmoothSearch(NamedTuple):
         if self.program.problem.stops:
             return self._find_timed(similar)
         if duration is not None:
-            return self.find_lasting(duration, similar)
-        return self._solve_above_floor(self.bounds, similar=similar)[0]
+            return self, self.find_lasting(duration, similar)
+        return self, self._solve_above_floor(self.bounds, similar=similar)[0]
 
     def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
@@ -157,12 +163,12 @@ class SmoothSearch(NamedTuple):
 
     # -------------------------------------------------------------- required times of crossings
 
-    def _find_timed(self, similar: Speed | None) -> Speed | NoneFound:
-        """Find a smooth law within the bounds that passes all crossings at the required instants.
+    def _find_timed(self, similar: Speed | None) -> tuple[SmoothSearch, Speed | NoneFound]:
+        """Find a smooth law as `find_smooth` that passes all crossings at the required instants.
 
         The bounds count that no stage takes longer than required. If the smoothest law within them has too
-        quick a stage, laws are settled whose stages take exactly what is required. Where these cost more, the
-        least cost of a law so settled replaces that of the bounds.
+        quick a stage, a law is settled whose stages take exactly what is required. Where this costs more, the
+        least cost of laws so settled replaces that of the bounds.
 
         Args:
             similar: a law with these instants, if one is known.
@@ -170,68 +176,90 @@ class SmoothSearch(NamedTuple):
         quick, floor = self._solve_above_floor(self.bounds, similar=similar)
         if isinstance(quick, Speed):
             if self._mismatch(quick) <= SAME_DURATION:
-                return quick
-            starts = [quick] if similar is None else [similar, quick]
-            law = self._settle_any(starts, "curvature", self.bounds, floor)
+                return self, quick
+            law = self._settle_from(similar, quick, "curvature", self.bounds, floor)
             if law is not None:
-                return law
-        elif self.goal == "time" or similar is not None:
-            return quick
+                return self, law
+        elif self.goal == "time":
+            return self, quick
 
         # the least cost at these instants: down from a law without a bound of the cost
         limits = Bounds(self.bounds.longest, share=self.bounds.share)
-        start, floor = self._solve_above_floor(limits, similar=similar)
-        if isinstance(start, NoneFound):
-            return start
-        law = self._settle_any([start], "curvature", limits, floor)
+        quick, floor = self._solve_above_floor(limits, similar=similar)
+        if isinstance(quick, NoneFound):
+            return self, quick
+        law = self._settle_from(similar, quick, "curvature", limits, floor)
         best = None if law is None else self._settle(law, self.goal, limits, floor)
         if best is None:
-            listed = ", ".join(f"{t:.4g}" for t in self.program.problem.specification.times)
-            return NoneFound(self.program, f"no law was found that crosses at t = {listed} s")
-        least = self._replace(least=best)
-        return least._settle(best, "curvature", least.bounds, floor) or best
+            return self, self._refuse_times()
+        search = self._replace(least=best)
+        return search, search._settle(best, "curvature", search.bounds, floor) or best
+
+    def _refuse_times(self) -> NoneFound:
+        """Return the result that no law with the required times was found."""
+        listed = ", ".join(f"{t:.4g}" for t in self.program.problem.specification.times)
+        return NoneFound(self.program, f"no law that crosses at t = {listed} s was found")
 
     def _mismatch(self, law: Speed) -> float:
         """Return the largest relative difference of a stage's duration from that required."""
-        stages = self.program.problem.stages
-        required = np.isfinite(stages)
-        return float(np.abs(law.durations[required] / stages[required] - 1.0).max(initial=0.0))
+        ratio = law.durations / self.program.problem.stages  # zero where open
+        return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
 
-    def _settle_any(
-        self, starts: Sequence[Speed], goal: str, bounds: Bounds, floor: float
+    def _settle_from(
+        self, similar: Speed | None, quick: Speed, goal: str, bounds: Bounds, floor: float
     ) -> Speed | None:
-        """Settle a law from the first of some starts from which it succeeds, or from one that waits."""
+        """Settle a law from a similar one, from a quick one, or from one that waits in each stage.
+
+        A tangent of T is nowhere above 1.5 T, so that a quick law may exclude what is required.
+
+        Args:
+            similar: a law with the required instants, if one is known.
+            quick: a law with no stage that takes longer than required.
+            goal: as the others, of `_settle`.
+        """
+        problem = self.program.problem
+        required = np.isfinite(problem.stages)
+        stages = problem.stages[required]
+        starts = [] if similar is None else [similar]
+        if np.all(stages < 1.5 * quick.durations[required]):
+            starts.append(quick)
         for start in starts:
             law = self._settle(start, goal, bounds, floor)
             if law is not None:
                 return law
         # each stage waits at its end at rest, or in its middle
-        problem = self.program.problem
         sigma = self._positive_sigma
-        stages = problem.stages
         edges = np.array([0.0, *problem.stops, 1.0])
         places = 0.5 * (edges[:-1] + edges[1:])
         is_moving = problem.specification.ends.moving
-        places[0] = places[0] if is_moving[0] else 0.0
-        places[-1] = places[-1] if is_moving[1] else 1.0
+        places[0], places[-1] = places[0] * is_moving[0], 1.0 - (1.0 - places[-1]) * is_moving[1]
+        fine_z, weights = self.program.fine_quadrature
         for share in WAITING_WIDTHS:
-            cap = np.full(len(sigma), np.inf)
-            for place, width, stage in zip(places, share * np.diff(edges), stages, strict=True):
-                if np.isfinite(stage):
-                    cap = np.minimum(cap, _cap_speed(np.abs(sigma - place) < width, width, stage, floor))
-            slow = self.program.minimise(
-                "curvature", bounds._replace(longest=None), self.units, floor=floor, cap=cap
-            )
-            if isinstance(slow, Speed) and np.isfinite(slow.duration):
-                law = self._settle(slow, goal, bounds, floor)
-                if law is not None:
-                    return law
+            widths = share * np.diff(edges)
+            caps = [
+                _cap_speed(np.abs(sigma - place) < width, width, stage, floor)
+                for place, width, stage in zip(places[required], widths[required], stages, strict=True)
+            ]
+            waits = bounds._replace(longest=None)
+            cap = np.min(caps, axis=0)
+            slow = self.program.minimise("curvature", waits, self.units, floor=floor, cap=cap)
+            if isinstance(slow, Unsolved) or not np.isfinite(slow.duration):
+                continue
+            # the blend with the quick law in which no stage is quicker than required
+            shares = np.linspace(0.0, 1.0, BLENDS)[:, None]
+            z = (fine_z @ slow.y) * (1.0 - shares) + (fine_z @ quick.y) * shares  # (BLENDS, F)
+            is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
+            blend = slow.y + shares[np.argmin(np.append(is_slow, False)) - 1] * (quick.y - slow.y)
+            law = self._settle(self.program.evaluate_speed(blend), goal, bounds, floor)
+            if law is not None:
+                return law
         return None
 
     def _settle(self, law: Speed, goal: str, bounds: Bounds, floor: float) -> Speed | None:
         """Find the law of least cost whose stages take what is required; None without one.
 
-        Each program requires it of the tangents of the durations about the law before.
+        Each program requires it of the tangents of the durations about the law before, until these hardly
+        differ from the durations.
 
         Args:
             law: the first law.
@@ -239,19 +267,29 @@ class SmoothSearch(NamedTuple):
             bounds: the bounds; those of stages with a required duration do not count.
             floor: lower bound of z [1/s^2].
         """
-        stages = self.program.problem.stages
-        longest = None
-        if bounds.longest is not None:
-            longest = np.where(np.isfinite(stages), np.inf, bounds.longest)
+        program = self.program
+        stages = program.problem.stages
+        open_bounds = np.inf if bounds.longest is None else bounds.longest
+        mismatch = np.inf
         for _ in range(MAX_SETTLING_STEPS):
+            longest = np.where(np.isfinite(stages), TRUSTED_DURATION * law.durations, open_bounds)
             bounds = bounds._replace(longest=longest)
-            settled = self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, stages))
-            if isinstance(settled, Unsolved) or not np.isfinite(settled.duration):
-                return None
-            law = settled
-            if self._mismatch(law) <= SAME_DURATION:
-                return law
-        return None
+            found = program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, stages))
+            if isinstance(found, Unsolved) or not np.isfinite(found.duration):
+                break
+            last_mismatch, mismatch = mismatch, self._mismatch(found)
+            if last_mismatch < min(SETTLED_DURATION, mismatch):
+                break
+            law = found
+            if mismatch <= BLENDED_DURATION:
+                break
+        if self._mismatch(law) > SETTLED_DURATION:
+            return None
+        try:
+            y = program.space.adjust(law.y, program.conditions, program.problem.instants)
+        except InvalidInput:  # z is nearly zero
+            return None
+        return program.evaluate_speed(y)._replace(floor=floor)
 
     # -------------------------------------------------------------- a required duration
 
