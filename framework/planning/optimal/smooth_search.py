@@ -28,9 +28,12 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
-# with the tangents of all stages, towards required instants: steps; ratio of durations that may grow in each;
-# share of a duration by which a stage may differ before it is adjusted; blends that are compared
-MAX_SETTLING_STEPS, TRUSTED_DURATION, SETTLED_DURATION, BLENDS = 20, 1.5, 1e-3, 65
+# towards required instants: steps with the tangents of all stages; share of a duration by which a stage may
+# differ before it is adjusted; blends that are compared
+MAX_SETTLING_STEPS, SETTLED_DURATION, BLENDS = 30, 1e-3, 65
+# part of the excess over what is required that a step may leave (a duration z^(-1/2) keeps up to 1 / sqrt(3) at
+# the zero of its tangent); excess that is admitted in the first step, and the part of it in each further one
+EXCESS_LEFT, FIRST_SLACK, SLACK_LEFT = 0.6, 0.5, 0.5
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
@@ -250,16 +253,15 @@ class SmoothSearch(NamedTuple):
             z = (fine_z @ slow.y) * (1.0 - shares) + (fine_z @ quick.y) * shares  # (BLENDS, F)
             is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
             blend = slow.y + shares[np.argmin(np.append(is_slow, False)) - 1] * (quick.y - slow.y)
-            law = self._settle(self.program.evaluate_speed(blend), goal, bounds, floor)
-            if law is not None:
-                return law
+            return self._settle(self.program.evaluate_speed(blend), goal, bounds, floor)
         return None
 
     def _settle(self, law: Speed, goal: str, bounds: Bounds, floor: float) -> Speed | None:
-        """Find the law of least cost whose stages take what is required; None without one.
+        """Find a law of little cost whose stages take what is required; None without one.
 
-        Each program requires it of the tangents of the durations about the law before, until these hardly
-        differ from the durations.
+        Each program requires it of the tangents about the law before, which are below the durations. Where
+        the excess of the durations then does not fall, as tangents may lead from one slow place to another,
+        programs bound the durations themselves.
 
         Args:
             law: the first law.
@@ -269,19 +271,32 @@ class SmoothSearch(NamedTuple):
         """
         program = self.program
         stages = program.problem.stages
-        open_bounds = np.inf if bounds.longest is None else bounds.longest
-        mismatch = np.inf
+        required = np.isfinite(stages)
+        longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest.copy()
+        excess = np.abs(law.durations / stages - 1.0)[required]
+        slack, bounded = FIRST_SLACK, False
         for _ in range(MAX_SETTLING_STEPS):
-            longest = np.where(np.isfinite(stages), TRUSTED_DURATION * law.durations, open_bounds)
-            bounds = bounds._replace(longest=longest)
-            found = program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, stages))
+            allowed = np.maximum(EXCESS_LEFT * excess, max(slack, BLENDED_DURATION))
+            longest[required] = (1.0 + allowed) * stages[required] if bounded else np.inf
+            found = program.minimise(
+                goal,
+                bounds._replace(longest=longest if np.isfinite(longest).any() else None),
+                self.units,
+                floor=floor,
+                about=(law.y, stages, not bounded),
+            )
             if isinstance(found, Unsolved) or not np.isfinite(found.duration):
-                break
-            last_mismatch, mismatch = mismatch, self._mismatch(found)
-            if last_mismatch < min(SETTLED_DURATION, mismatch):
-                break
-            law = found
-            if mismatch <= BLENDED_DURATION:
+                if bounded:
+                    break
+                bounded = True
+                continue
+            excess_found = np.abs(found.durations / stages - 1.0)[required]
+            if not bounded and np.any(excess_found > allowed):
+                bounded = True
+                continue
+            law, excess = found, excess_found
+            slack *= SLACK_LEFT
+            if excess.max() <= BLENDED_DURATION:
                 break
         if self._mismatch(law) > SETTLED_DURATION:
             return None
@@ -427,7 +442,7 @@ class SmoothSearch(NamedTuple):
         """
         duration = duration or law.duration
         bounds = bounds._replace(longest=np.array([4.0 * duration]))  # far above what a solution takes
-        about = (law.y, np.array([duration]))
+        about = (law.y, np.array([duration]), False)
         slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=about)
         if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)

@@ -235,7 +235,7 @@ class SpeedProgram:
         floor: float = 0.0,
         cap: Array | float = np.inf,
         weights: Array | None = None,
-        about: tuple[Array, Array] | None = None,
+        about: tuple[Array, Array, bool] | None = None,
         stage: int = -1,
         tolerance: float = TOLERANCE,
     ) -> Speed | Unsolved:
@@ -254,8 +254,8 @@ class SpeedProgram:
             floor: lower bound of the `positive_rows` [1/s^2].
             cap: upper bound of the `positive_rows` (m,) [1/s^2].
             weights: (P,) at the points with a weight, for the goal "slowness".
-            about: y (n,) and durations (m,) [s] of stages. The tangent of T(z) at y must not fall below the
-                duration, or, of several stages, must be equal to each that is finite.
+            about: y (n,), durations (m,) [s] of stages, and whether the tangents of T(z) at y must be equal
+                to those that are finite; otherwise they must not fall below.
             stage: index of the stage whose duration is least for the goal "time"; the last by default.
             tolerance: relative, of the cost and of the rows.
         """
@@ -277,8 +277,8 @@ class SpeedProgram:
         nonnegative += self._bound_integrals(bounds, units)
         equal = [_scale_large_rows(conditions)]
         if about is not None:
-            several = len(about[1]) > 1
-            (equal if several else nonnegative).append(self._duration_tangents(*about, units))
+            *tangents, is_equal = about
+            (equal if is_equal else nonnegative).append(self._duration_tangents(*tangents, units))
 
         program = ConeProgram(
             self._sizes(timed=timed, powered=powered),
