@@ -109,8 +109,8 @@ class Request(PlanOptions):
         """The kind of law: polynomial, optimal or auto.
 
         Auto means the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks
-        for the optimal law. So do limits without a duration. Given times ask for the polynomial, which is
-        refused if it exceeds limits.
+        for the optimal law. So do limits without a duration. Given times ask for the polynomial; the optimal
+        law replaces it if it does not advance or exceeds limits.
         """
         asks_for_optimal = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if asks_for_optimal or (self.bounded and self.duration is None):
@@ -135,7 +135,8 @@ class Request(PlanOptions):
     @property
     def may_be_optimal(self) -> bool:
         """Whether the request admits an optimal law."""
-        return self.kind == "optimal" or (self.kind == "auto" and self.smoothness <= HIGHEST_SMOOTHNESS)
+        is_left_open = self.kind == "auto" or (self.law == "auto" and self.times != ())
+        return self.kind == "optimal" or (is_left_open and self.smoothness <= HIGHEST_SMOOTHNESS)
 
     @property
     def fixed_duration(self) -> float:

@@ -40,20 +40,20 @@ def find_law_in_balance(
     task: Task,
     law: OptimalLaw,
     previous: KnownDeflections | None,
-    speed_places: Sequence[float] | None = None,
+    places: Sequence[float] | None = None,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
         law: the law near which the result is sought.
         previous: deflections of a similar law, from which the search begins.
-        speed_places: s at which the law has the required speeds; by default the crossing points.
+        places: s of the required times and speeds; by default the crossing points.
 
     Raises:
         NotConverged: there is no such law near the given one.
     """
     points = find_crossing_points(task)
-    problem = problem_of(task, points, speed_places)
+    problem = problem_of(task, points, places)
     if law.basis.is_spline:
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
