@@ -8,11 +8,14 @@ The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration
 the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tangent T_lin at a slow law is
 below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D
 exactly.
+
+Required times of crossings cut the path in stages, of which each but an open last one has a duration. No blend
+meets several at once: programs with the tangents of all are solved until these touch the durations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeGuard
 
@@ -28,18 +31,19 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
-# towards required instants: steps with the tangents of all stages; share of a duration by which a stage may
-# differ before it is adjusted; blends that are compared
-MAX_SETTLING_STEPS, SETTLED_DURATION, BLENDS = 30, 1e-3, 65
-# part of the excess over what is required that a step may leave (a duration z^(-1/2) keeps up to 1 / sqrt(3) at
-# the zero of its tangent); excess that is admitted in the first step, and the part of it in each further one
-EXCESS_LEFT, FIRST_SLACK, SLACK_LEFT = 0.6, 0.5, 0.5
+# towards required instants: steps with the tangents of all stages; share of a duration by which the last law
+# may differ, to be adjusted
+MAX_SETTLING_STEPS, SETTLED_DURATION = 30, 1e-3
+# excess over a required duration that the first step admits; its part in each further one; part of its own
+# excess that a step may leave: z^(-1/2) keeps up to 1 / sqrt(3) of it at the zero of its tangent
+FIRST_SLACK, SLACK_LEFT, EXCESS_LEFT = 0.5, 0.5, 0.6
+BLENDS = 65  # of a slow and a quick law that are compared
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
-# in sigma, of the intervals where a law may wait; the second if the first fails
 # of the least peak, tried in turn: between two ends in motion holding back costs more than a quicker law
 LARGER_SHARES = (0.1, 0.3, 1.0, 4.0)
+# in sigma, or of a stage, of the intervals where a law may wait; the second if the first fails
 WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
 # places between two neighbouring points where limits are checked, as shares of their interval
@@ -180,18 +184,22 @@ class SmoothSearch(NamedTuple):
         if isinstance(quick, Speed):
             if self._mismatch(quick) <= SAME_DURATION:
                 return self, quick
-            law = self._settle_from(similar, quick, "curvature", self.bounds, floor)
+            law = self._settle_first(similar, quick, self.bounds, floor)
             if law is not None:
                 return self, law
         elif self.goal == "time":
             return self, quick
 
         # the least cost at these instants: down from a law without a bound of the cost
-        limits = Bounds(self.bounds.longest, share=self.bounds.share)
+        longest = self.bounds.longest
+        if self.goal == "time":
+            problem = self.program.problem
+            longest = problem.bound_stages(problem.specification.longest or 2.0 * self.least.least_duration)
+        limits = Bounds(longest, share=self.bounds.share)
         quick, floor = self._solve_above_floor(limits, similar=similar)
         if isinstance(quick, NoneFound):
             return self, quick
-        law = self._settle_from(similar, quick, "curvature", limits, floor)
+        law = self._settle_first(similar, quick, limits, floor)
         best = None if law is None else self._settle(law, self.goal, limits, floor)
         if best is None:
             return self, self._refuse_times()
@@ -208,34 +216,42 @@ class SmoothSearch(NamedTuple):
         ratio = law.durations / self.program.problem.stages  # zero where open
         return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
 
-    def _settle_from(
-        self, similar: Speed | None, quick: Speed, goal: str, bounds: Bounds, floor: float
+    def _settle_first(
+        self, similar: Speed | None, quick: Speed, bounds: Bounds, floor: float
     ) -> Speed | None:
-        """Settle a law from a similar one, from a quick one, or from one that waits in each stage.
-
-        A tangent of T is nowhere above 1.5 T, so that a quick law may exclude what is required.
+        """Settle the smoothest law from the first of several starts with success; None without one.
 
         Args:
             similar: a law with the required instants, if one is known.
-            quick: a law with no stage that takes longer than required.
-            goal: as the others, of `_settle`.
+            quick: a law of which no stage takes longer than required.
+            bounds: as the floor, of `_settle`.
+        """
+        starts = self._starts_of_stages(similar, quick, bounds, floor)
+        laws = (self._settle(start, "curvature", bounds, floor) for start in starts)
+        return next((law for law in laws if law is not None), None)
+
+    def _starts_of_stages(
+        self, similar: Speed | None, quick: Speed, bounds: Bounds, floor: float
+    ) -> Iterator[Speed]:
+        """Yield a similar law, a quick law, and one that waits in each stage, blended with the quick one.
+
+        A tangent of T is nowhere above 1.5 T, so that the one about a quick law may exclude what is required.
+        A stage waits at its end at rest, or in its middle. The blend is the quickest without a stage quicker
+        than required. The arguments are those of `_settle_first`.
         """
         problem = self.program.problem
         required = np.isfinite(problem.stages)
         stages = problem.stages[required]
-        starts = [] if similar is None else [similar]
+        if similar is not None:
+            yield similar
         if np.all(stages < 1.5 * quick.durations[required]):
-            starts.append(quick)
-        for start in starts:
-            law = self._settle(start, goal, bounds, floor)
-            if law is not None:
-                return law
-        # each stage waits at its end at rest, or in its middle
+            yield quick
         sigma = self._positive_sigma
         edges = np.array([0.0, *problem.stops, 1.0])
-        places = 0.5 * (edges[:-1] + edges[1:])
         is_moving = problem.specification.ends.moving
-        places[0], places[-1] = places[0] * is_moving[0], 1.0 - (1.0 - places[-1]) * is_moving[1]
+        places = 0.5 * (edges[:-1] + edges[1:])
+        places[0] *= is_moving[0]
+        places[-1] = places[-1] if is_moving[1] else 1.0
         fine_z, weights = self.program.fine_quadrature
         for share in WAITING_WIDTHS:
             widths = share * np.diff(edges)
@@ -248,13 +264,12 @@ class SmoothSearch(NamedTuple):
             slow = self.program.minimise("curvature", waits, self.units, floor=floor, cap=cap)
             if isinstance(slow, Unsolved) or not np.isfinite(slow.duration):
                 continue
-            # the blend with the quick law in which no stage is quicker than required
-            shares = np.linspace(0.0, 1.0, BLENDS)[:, None]
-            z = (fine_z @ slow.y) * (1.0 - shares) + (fine_z @ quick.y) * shares  # (BLENDS, F)
+            shares = np.linspace(0.0, 1.0, BLENDS)
+            z = np.outer(1.0 - shares, fine_z @ slow.y) + np.outer(shares, fine_z @ quick.y)  # (BLENDS, F)
             is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
-            blend = slow.y + shares[np.argmin(np.append(is_slow, False)) - 1] * (quick.y - slow.y)
-            return self._settle(self.program.evaluate_speed(blend), goal, bounds, floor)
-        return None
+            last = max(int(np.append(is_slow, False).argmin()) - 1, 0)
+            yield self.program.evaluate_speed(slow.y + shares[last] * (quick.y - slow.y))
+            return
 
     def _settle(self, law: Speed, goal: str, bounds: Bounds, floor: float) -> Speed | None:
         """Find a law of little cost whose stages take what is required; None without one.

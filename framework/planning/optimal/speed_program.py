@@ -277,8 +277,9 @@ class SpeedProgram:
         nonnegative += self._bound_integrals(bounds, units)
         equal = [_scale_large_rows(conditions)]
         if about is not None:
-            *tangents, is_equal = about
-            (equal if is_equal else nonnegative).append(self._duration_tangents(*tangents, units))
+            y_0, durations, is_equal = about
+            tangents = self._duration_tangents(y_0, durations, units)
+            (equal if is_equal else nonnegative).append(tangents)
 
         program = ConeProgram(
             self._sizes(timed=timed, powered=powered),
@@ -535,7 +536,7 @@ def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> 
     return xi, xi_weights / xi_slope
 
 
-def _lagrange_weights(xi: Array, chosen: Array, x: float) -> Array:
+def _lagrange_weights(xi: Array, chosen: IntArray, x: float) -> Array:
     """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x.
 
     The weight of point i is the product of (x - x_j) / (x_i - x_j) over all chosen points j other than i.
