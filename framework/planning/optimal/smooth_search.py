@@ -9,8 +9,9 @@ the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tang
 below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D
 exactly.
 
-Required times of crossings cut the path in stages, of which each but an open last one has a duration. No blend
-meets several at once: programs with the tangents of all are solved until these touch the durations.
+Required times of crossings cut the path in stages, each with a duration, but for the last one if the end is
+open. No blend meets several at once: programs with the tangents of all are solved until these touch the
+durations.
 """
 
 from __future__ import annotations
