@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -38,6 +39,7 @@ MAX_SETTLING_STEPS, SETTLED_DURATION = 30, 1e-3
 # excess over a required duration that the first step admits; its part in each further one; part of its own
 # excess that a step may leave: z^(-1/2) keeps up to 1 / sqrt(3) of it at the zero of its tangent
 FIRST_SLACK, SLACK_LEFT, EXCESS_LEFT = 0.5, 0.5, 0.6
+LOWER_FLOORS = np.array([1.0, 1e-2])  # over that of a quick law, of laws that wait
 BLENDS = 65  # of a slow and a quick law that are compared
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
@@ -181,11 +183,11 @@ class SmoothSearch(NamedTuple):
         Args:
             similar: a law with these instants, if one is known.
         """
-        quick, floor = self._solve_above_floor(self.bounds, similar=similar)
+        quick, _floor = self._solve_above_floor(self.bounds, similar=similar)
         if isinstance(quick, Speed):
             if self._mismatch(quick) <= SAME_DURATION:
                 return self, quick
-            law = self._settle_first(similar, quick, self.bounds, floor)
+            law = self._settle_first(similar, quick, self.bounds)
             if law is not None:
                 return self, law
         elif self.goal == "time":
@@ -197,15 +199,15 @@ class SmoothSearch(NamedTuple):
             problem = self.program.problem
             longest = problem.bound_stages(problem.specification.longest or 2.0 * self.least.least_duration)
         limits = Bounds(longest, share=self.bounds.share)
-        quick, floor = self._solve_above_floor(limits, similar=similar)
+        quick, _floor = self._solve_above_floor(limits, similar=similar)
         if isinstance(quick, NoneFound):
             return self, quick
-        law = self._settle_first(similar, quick, limits, floor)
-        best = None if law is None else self._settle(law, self.goal, limits, floor)
+        law = self._settle_first(similar, quick, limits)
+        best = None if law is None else self._settle(law, self.goal, limits)
         if best is None:
             return self, self._refuse_times()
         search = self._replace(least=best)
-        return search, search._settle(best, "curvature", search.bounds, floor) or best
+        return search, search._settle(best, "curvature", search.bounds) or best
 
     def _refuse_times(self) -> NoneFound:
         """Return the result that no law with the required times was found."""
@@ -217,28 +219,25 @@ class SmoothSearch(NamedTuple):
         ratio = law.durations / self.program.problem.stages  # zero where open
         return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
 
-    def _settle_first(
-        self, similar: Speed | None, quick: Speed, bounds: Bounds, floor: float
-    ) -> Speed | None:
+    def _settle_first(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Speed | None:
         """Settle the smoothest law from the first of several starts with success; None without one.
 
         Args:
             similar: a law with the required instants, if one is known.
             quick: a law of which no stage takes longer than required.
-            bounds: as the floor, of `_settle`.
+            bounds: as of `_settle`.
         """
-        starts = self._starts_of_stages(similar, quick, bounds, floor)
-        laws = (self._settle(start, "curvature", bounds, floor) for start in starts)
+        starts = self._starts_of_stages(similar, quick, bounds)
+        laws = (self._settle(start, "curvature", bounds) for start in starts)
         return next((law for law in laws if law is not None), None)
 
-    def _starts_of_stages(
-        self, similar: Speed | None, quick: Speed, bounds: Bounds, floor: float
-    ) -> Iterator[Speed]:
-        """Yield a similar law, a quick law, and one that waits in each stage, blended with the quick one.
+    def _starts_of_stages(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Iterator[Speed]:
+        """Yield a similar law, a quick law, and some that wait in each stage, blended with the quick one.
 
         A tangent of T is nowhere above 1.5 T, so that the one about a quick law may exclude what is required.
         A stage waits at its end at rest, or in its middle. The blend is the quickest without a stage quicker
-        than required. The arguments are those of `_settle_first`.
+        than required. Above a lower floor laws may wait for longer. The arguments are those of
+        `_settle_first`.
         """
         problem = self.program.problem
         required = np.isfinite(problem.stages)
@@ -254,7 +253,7 @@ class SmoothSearch(NamedTuple):
         places[0] *= is_moving[0]
         places[-1] = places[-1] if is_moving[1] else 1.0
         fine_z, weights = self.program.fine_quadrature
-        for share in WAITING_WIDTHS:
+        for floor, share in product(LOWER_FLOORS * quick.floor, WAITING_WIDTHS):
             widths = share * np.diff(edges)
             caps = [
                 _cap_speed(np.abs(sigma - place) < width, width, stage, floor)
@@ -269,10 +268,10 @@ class SmoothSearch(NamedTuple):
             z = np.outer(1.0 - shares, fine_z @ slow.y) + np.outer(shares, fine_z @ quick.y)  # (BLENDS, F)
             is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
             last = max(int(np.append(is_slow, False).argmin()) - 1, 0)
-            yield self.program.evaluate_speed(slow.y + shares[last] * (quick.y - slow.y))
-            return
+            blend = slow.y + shares[last] * (quick.y - slow.y)
+            yield self.program.evaluate_speed(blend)._replace(floor=floor)
 
-    def _settle(self, law: Speed, goal: str, bounds: Bounds, floor: float) -> Speed | None:
+    def _settle(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
         """Find a law of little cost whose stages take what is required; None without one.
 
         Each program requires it of the tangents about the law before, which are below the durations. Where
@@ -280,12 +279,11 @@ class SmoothSearch(NamedTuple):
         programs bound the durations themselves.
 
         Args:
-            law: the first law.
+            law: the first law, above whose floor others are sought.
             goal: of `SpeedProgram.minimise`.
             bounds: the bounds; those of stages with a required duration do not count.
-            floor: lower bound of z [1/s^2].
         """
-        program = self.program
+        program, floor = self.program, law.floor
         stages = program.problem.stages
         required = np.isfinite(stages)
         longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest.copy()
