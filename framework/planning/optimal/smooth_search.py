@@ -206,7 +206,7 @@ class SmoothSearch(NamedTuple):
         best = None if law is None else self._settle(law, self.goal, limits)
         if best is None:
             return self, self._refuse_times()
-        search = self._replace(least=best)
+        search = self._replace(least=best._replace(least_duration=best.duration))
         return search, search._settle(best, "curvature", search.bounds) or best
 
     def _refuse_times(self) -> NoneFound:
@@ -310,7 +310,7 @@ class SmoothSearch(NamedTuple):
                 continue
             law, excess = found, excess_found
             slack *= SLACK_LEFT
-            if excess.max() <= BLENDED_DURATION:
+            if excess.max() <= (BLENDED_DURATION if bounded else SAME_DURATION):
                 break
         if self._mismatch(law) > SETTLED_DURATION:
             return None

@@ -63,7 +63,7 @@ def check_times(k: int, share: float) -> None:
     own = np.array([crossing.time for crossing in free.plan.crossings])
     again = answer(one.robot, one.path, free.asked, times=own.tolist())
     assert again.plan is not None, again.refusal
-    assert again.peak == pytest.approx(free.peak, rel=1e-3)
+    assert again.peak == pytest.approx(free.peak, rel=SMOOTH)  # own times are not those of the least cost
     times = own + share * (one.duration * np.array([crossing.s for crossing in free.plan.crossings]) - own)
     timed = answer(one.robot, one.path, free.asked, times=times.tolist())
     assert timed.plan is not None, timed.refusal
