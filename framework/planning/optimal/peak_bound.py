@@ -3,7 +3,8 @@
 The bounds are found by multipliers nu of the torques, mu of the speed limits and lambda of the duration
 (`dual_program`), on cells of the path coordinate s. They hold for rigid robots with as many motors as axes,
 on paths that cross the locus transversally, and for all laws that advance and have the same speeds at both
-ends, whatever their discretisation. Otherwise there is no bound, and nothing is proved.
+ends, whatever their discretisation. Otherwise there is no bound, and nothing is proved. Required times and
+speeds of crossings do not count: laws with them are some of all laws, so that the bound holds for them too.
 """
 
 from __future__ import annotations
