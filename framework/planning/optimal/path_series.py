@@ -230,13 +230,16 @@ class SampledDemand(NamedTuple):
 
     poles: path coordinates s (k,) of the crossings; listed twice for a pole of second order.
     series: functions (5 n_a,) of s: torques at rest, per s'^2, per s" and per s', each multiplied by
-        s - pole for all poles; and motor speeds per s'.
+        s - pole for all poles; and motor speeds per s'. With redundant motors, n_a^2 more are the entries of
+        the projectors on internal torques.
     has_friction: whether dry friction acts on any motor.
+    motors: number of motors n_a.
     """
 
     poles: Array
     series: TimeFunction
     has_friction: bool
+    motors: int
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
         """Compute the motors' torques and speeds at sigma (M,), affine in z and u.
@@ -246,9 +249,14 @@ class SampledDemand(NamedTuple):
         """
         s = phi(sigma)
         pole_product = _pole_product(s, self.poles)
-        *torques, speed = np.split(self.series(s), 5, axis=1)  # the five quantities of `series`
+        values = self.series(s)
+        internal = None
+        if self.motors < values.shape[1] / 5:
+            values, entries = np.split(values, [5 * self.motors], axis=1)
+            internal = entries.reshape(len(s), self.motors, self.motors)
+        *torques, speed = np.split(values, 5, axis=1)  # the five quantities of all motors
         terms = PathTerms(*(torque / pole_product for torque in torques))
-        return Demand.compute(phi, sigma, terms, speed, friction=self.has_friction)
+        return Demand.compute(phi, sigma, terms, speed, friction=self.has_friction, internal=internal)
 
 
 def _pole_product(s: Array, poles: Array) -> Array:
@@ -271,16 +279,19 @@ def sample_demand(task: Task) -> SampledDemand | None:
         required = demand(task.branch, Smoothstep(0), grid.times)  # sigma = s, not times
         pole_product = _pole_product(grid.times, poles)
         torques = [part * pole_product for part in (*required.torque, required.damping)]
-        series = grid.fit(np.concatenate([*torques, required.speed], axis=1))
+        quantities = [*torques, required.speed]
+        if required.internal is not None:
+            quantities.append(required.internal.reshape(len(grid.times), -1))
+        series = grid.fit(np.concatenate(quantities, axis=1))
         is_unresolved = _find_unresolved(series, task.robot.n_a)
         if not is_unresolved.any():
-            return SampledDemand(poles, series, required.direction is not None)
+            return SampledDemand(poles, series, required.direction is not None, task.robot.n_a)
         edges = cut_cells(task, edges, np.where(is_unresolved, 2, 1))
     return None
 
 
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Return the mask (P,) of panels on which one of the five quantities is not resolved.
+    """Return the mask (P,) of panels on which a quantity is not resolved.
 
     The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is
     finite and its last two coefficients are small compared with the largest one, over all motors. Torques per
@@ -288,10 +299,12 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     rounding of the other.
     """
     panels, size, _ = series.coefficients.shape
-    by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
+    coefficient_sizes = np.abs(series.coefficients)
+    by_quantity = coefficient_sizes[..., : 5 * motors].reshape(panels, size, 5, motors).max(axis=3)
     at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)  # (P, size) each
-    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
+    internal = coefficient_sizes[..., 5 * motors :].max(axis=2, initial=0.0)
+    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed, internal], axis=2)
     tail = sizes[:, -2:].max(axis=1)
     largest = sizes.max(axis=1)
-    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 4), false for NaN
+    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 5), false for NaN
     return np.asarray(~is_resolved.all(axis=1))
