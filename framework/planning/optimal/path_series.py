@@ -10,10 +10,12 @@ multipliers nu (m,) are sought as the sum of x_i v_i, with x (m,) polynomials on
 
     v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
 
-so that nu . cu / 2 = x_0. At a crossing c, cz, cu and d have poles along the same vector. All v, and their
-products with c, cz, cu and d, are therefore smooth at the crossing, and condition (8) needs no multiplier.
-The functions do not resolve if the path touches the locus, runs orthogonal to t_s, or lets several motions
-escape at once.
+so that nu . cu / 2 = x_0. Redundant motors can distribute a load in many ways, which differ by internal
+torques. A bound of all distributions needs a nu orthogonal to internal torques: cu and e_i of these formulas
+are then projected on the complement of internal torques. At a crossing c, cz, cu and d have poles along the
+same vector. All v, and their products with c, cz, cu and d, are therefore smooth at the crossing, and
+condition (8) needs no multiplier. The functions do not resolve if the path touches the locus, runs orthogonal
+to t_s, or lets several motions escape at once.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.torque_distribution import internal_frames
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array, BoolArray, IntArray
@@ -40,14 +43,17 @@ MAX_CHEBYSHEV_CELLS = 60  # with more cells, the equations are evaluated at each
 
 
 class PathSeries(NamedTuple):
-    """Functions of m torques and n motor speeds on k cells between edges (k + 1,) of s."""
+    """Functions of m torques and n motor speeds on k cells between edges (k + 1,) of s.
+
+    There are l functions v_i, as many as torques without redundant motors.
+    """
 
     edges: Array
-    directions: Array  # (k, m - 1, m) e_i
-    v: Bernstein  # (..., m, m) v_i by rows
-    constant: Bernstein  # (..., m) v_i . c
-    per_z: Bernstein  # (..., m) v_i . cz
-    damping: Bernstein  # (..., m) v_i . d
+    directions: Array  # (k, l - 1, m) e_i
+    v: Bernstein  # (..., l, m) v_i by rows
+    constant: Bernstein  # (..., l) v_i . c
+    per_z: Bernstein  # (..., l) v_i . cz
+    damping: Bernstein  # (..., l) v_i . d
     squared_speed: Bernstein  # (..., n) of motors with a speed limit, over the squared limit and z
 
     @property
@@ -136,7 +142,8 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
         edges: edges (k + 1,) of the cells in s.
     """
     samples = _sample_cells(task, reference, edges)
-    directions, v = _multiplier_basis(samples.per_u)  # e_i (k, m - 1, m) and v_i (k, NODES, m, m)
+    # e_i (k, l - 1, m) and v_i (k, NODES, l, m)
+    directions, v = _multiplier_basis(samples.per_u, samples.internal)
     torques = (samples.constant, samples.per_z, samples.damping)
     products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, m) v_i . torque
     values = (v, *products, samples.speed_ratio**2)
@@ -163,6 +170,7 @@ class _Samples(NamedTuple):
     per_u: Array  # (k, NODES, m) cu
     speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits
     friction_error: Array  # (k, m) error of c, because the friction is its mean; 0 unless a motor reverses
+    internal: Array | None  # (k, NODES, m, r) bases of internal torques; None without redundant motors
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
@@ -182,7 +190,13 @@ def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
     constant, per_z, damping, per_u = (_finite_ratio(_split_by_cell(part), reference) for part in torques)
     speed_ratio = _finite_ratio(_split_by_cell(required.speed), specification.speed_limit)
     error = _finite_ratio(friction_error, reference)
-    return _Samples(constant, per_z, damping, per_u, speed_ratio, error)
+    internal = None
+    if required.internal is not None:
+        robot = task.robot
+        frames = internal_frames(required.internal, robot.n_a - robot.n).swapaxes(1, 2)  # (k NODES, r, n_a)
+        internal = _finite_ratio(frames, reference).swapaxes(1, 2)
+        internal = internal.reshape(-1, NODES, *internal.shape[1:])
+    return _Samples(constant, per_z, damping, per_u, speed_ratio, error, internal)
 
 
 def _finite_ratio(values: Array, limit: Array) -> Array:
@@ -210,18 +224,32 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
     return mean, np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * size, 0.0)
 
 
-def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Compute the directions e (k, m - 1, m) and v (k, NODES, m, m) of multipliers nu.
+def _multiplier_basis(per_u: Array, internal: Array | None) -> tuple[Array, Array]:
+    """Compute the directions e (k, l - 1, m) and v (k, NODES, l, m) of multipliers nu.
 
     With the torques cu (k, NODES, m) per u, v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The
     e_i of a cell are orthogonal to cu at the node beside its middle.
+
+    Args:
+        per_u: torques cu (k, NODES, m).
+        internal: bases (k, NODES, m, r) of internal torques, on whose complement cu and e_i are projected;
+            None without redundant motors.
     """
+    projectors = None
+    if internal is not None:
+        Q = np.linalg.qr(internal)[0]
+        projectors = np.eye(per_u.shape[2]) - Q @ Q.swapaxes(2, 3)  # (k, NODES, m, m)
+        per_u = np.matvec(projectors, per_u)
     along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
-    orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # (k, m, m) with the first column along cu
-    e_columns = orthonormal[:, :, 1:]
+    middle = per_u[:, NODES // 2, :, None]
+    if internal is not None:
+        middle = np.concatenate([middle, internal[:, NODES // 2]], axis=2)
+    orthonormal = np.linalg.svd(middle)[0]  # (k, m, m) with cu, then internal torques, in the first columns
+    e_columns = orthonormal[:, :, middle.shape[2] :]
     e = e_columns.swapaxes(1, 2)
-    components = per_u @ e_columns  # (k, NODES, m - 1) cu . e_i
-    across = e[:, None] - components[..., None] * along[:, :, None]  # v_i
+    components = per_u @ e_columns  # (k, NODES, l - 1) cu . e_i
+    directions = e[:, None] if projectors is None else e[:, None] @ projectors
+    across = directions - components[..., None] * along[:, :, None]  # v_i
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)
 
 
