@@ -37,6 +37,8 @@ from framework.tolerances import MEASURE_TAIL
 END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
 LEAST_WIDTH = 1e-6  # of a cell in s: an edge or knot nearer to a crossing counts as equal to it
 MAX_CUTS = 14  # rounds of cutting cells where functions do not resolve or a motor with dry friction reverses
+MAX_RESOLVED_CELLS = 4000  # functions that do not resolve on so many cells never do
+TORQUE_ROUNDING = 1e-13  # of torques per s'^2, relative to torques per s"
 FIRST_CHEBYSHEV_CELLS = 4
 CHEBYSHEV_NODES = 16  # an even number: no node in the middle of a cell, where a crossing is
 MAX_CHEBYSHEV_CELLS = 60  # with more cells, the equations are evaluated at each point of a program instead
@@ -119,7 +121,7 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
     for _ in range(MAX_CUTS):
         fit = _fit_series(task, reference, edges)
         to_cut = ~fit.is_resolved | fit.reverses
-        if not to_cut.any():
+        if not to_cut.any() or len(edges) > MAX_RESOLVED_CELLS:
             break
         edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
     # a motor may still reverse in a narrow cell: the friction error of that cell covers it
@@ -145,14 +147,22 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
     # e_i (k, l - 1, m) and v_i (k, NODES, l, m)
     directions, v = _multiplier_basis(samples.per_u, samples.internal)
     torques = (samples.constant, samples.per_z, samples.damping)
-    products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, m) v_i . torque
+    products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, l) v_i . torque
+    # a path without centrifugal torques has rounding in their place, which no cell resolves
+    sizes = np.linalg.norm(v, axis=3) * np.linalg.norm(samples.per_u, axis=2)[..., None]
+    largest = np.abs(products[1]).max(axis=1)  # (k, l)
+    rounding = np.where(largest <= TORQUE_ROUNDING * sizes.max(axis=1), largest, 0.0)
+    products[1] = np.where(rounding[:, None] > 0.0, 0.0, products[1])
     values = (v, *products, samples.speed_ratio**2)
     functions, masks = zip(*map(fit_bernstein, values), strict=True)  # masks (k,) of resolved cells
     series = PathSeries(edges, directions, *functions)  # functions are in the order of its fields
     # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
     largest_v = np.abs(v).max(axis=1)  # (k, m, m)
     error = (largest_v @ samples.friction_error[..., None])[..., 0]
-    series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
+    series = series._replace(
+        constant=series.constant._replace(error=series.constant.error + error),
+        per_z=series.per_z._replace(error=series.per_z.error + rounding),
+    )
     is_resolved = np.asarray(np.all(masks, axis=0))
     reverses = np.asarray(samples.friction_error.any(axis=1))
     return _Fit(series, is_resolved, reverses)
