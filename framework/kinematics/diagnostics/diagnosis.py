@@ -215,8 +215,8 @@ def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformA
         )
     if robot.n_a > freedoms:
         yield (
-            f"{robot.n_a} actuators for {freedoms} degrees of freedom: torques will be those of least norm; "
-            f"drop actuators if that is not meant"
+            f"{robot.n_a} actuators for {freedoms} degrees of freedom: torques will be those of least norm, "
+            f"or others within the limits (torque_sharing); drop actuators if that is not meant"
         )
     if mobility.loose:
         yield (
