@@ -54,7 +54,14 @@ class PlannedFriction(ReadOnlyArrays):
     between: tuple[Array, ...]
 
     @staticmethod
-    def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
+    def from_speed(
+        size: Array,
+        speed: Callable[[Array], Array],
+        duration: float,
+        *,
+        # instants at which signs are sampled; two reversals between samples stay unseen
+        speed_samples: int = 1001,
+    ) -> PlannedFriction | None:
         """Return the friction along a motion; None if all sizes are zero.
 
         Args:
@@ -62,8 +69,6 @@ class PlannedFriction(ReadOnlyArrays):
             speed: speeds (T, n_a) of the motors as a function of time (T,) [s].
             duration: duration of the motion [s].
         """
-        # instants at which signs are sampled; two reversals between samples stay unseen
-        speed_samples = 1001
         if not size.any():
             return None
         t = np.linspace(0.0, duration, speed_samples)

@@ -227,15 +227,19 @@ class TimeGrid(ReadOnlyArrays):
         """Number of coefficients of a panel that values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
-    def fit_truncated(self, values: Array) -> TimeFunction:
+    def fit_truncated(
+        self,
+        values: Array,
+        *,
+        # a coefficient below this factor times the largest of the last eighth is rounding
+        noise_factor: float = 3.0,
+    ) -> TimeFunction:
         """Fit the function through values (panels * size, k); set coefficients of rounding size to zero.
 
         The last eighth of the coefficients of a resolved function are rounding errors, and indicate their
         size. Two differentiations amplify a coefficient by up to size^4. Without truncation rounding errors
         would grow in an iteration on second derivatives.
         """
-        # a coefficient below this factor times the largest of the last eighth is rounding
-        noise_factor = 3.0
         series = coefficients(self._stack_panels(values))
         rounding = noise_factor * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= rounding] = 0.0
