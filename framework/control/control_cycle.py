@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import mass_matrices, spring_torques
+from framework.dynamics.forces import all_spring_forces, damping_forces, mass_matrices
 from framework.dynamics.pointwise_dynamics import type2_pose
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
@@ -84,6 +84,7 @@ class ControlCycle:
         self.robot = robot
         self._equations = SinglePose(robot)
         self._data = robot.model.createData()
+        self._has_springs = bool(robot.joint_stiffness.any() or robot.line_springs.names)
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
         self._actuated, self._following = robot.actuated, robot.following
@@ -91,7 +92,6 @@ class ControlCycle:
         independent = robot.structure.independent
         self._independent = None if len(independent) == len(robot.rows.names) else independent
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
-        self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
         self._scale = robot.passive_scale  # (n_p, n_p) of the entries of P, for n_p passive joints
         self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
@@ -376,9 +376,9 @@ class ControlCycle:
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:
-            force = force + robot.joint_damping * self.v
-        if self._has_joint_springs:
-            force = force + spring_torques(robot, self.q[None], robot.joint_stiffness)[0]
+            force = force + damping_forces(robot, self.q[None], self.v[None])[0]
+        if self._has_springs:
+            force = force + all_spring_forces(robot, self.q[None], robot.joint_stiffness)[0]
         return force @ self.T / robot.gear_ratio
 
 

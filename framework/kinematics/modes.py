@@ -239,31 +239,26 @@ def _match_rows(pattern: BoolArray) -> IntArray | None:
 def leg_slogdets(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute sign and logarithm of the size of each leg's determinant of dF/dq, (2, T, legs)."""
     slogdets = np.empty((2, len(linearised.residual), len(legs(robot))))
-    for group in _legs_by_size(robot):
-        blocks = linearised.jacobian[:, group.rows[:, :, None], group.columns[:, None]]  # (T, g, k, k)
-        slogdets[0][:, group.legs], slogdets[1][:, group.legs] = np.linalg.slogdet(blocks)
+    for group, rows, columns in _legs_by_size(robot):
+        blocks = linearised.jacobian[:, rows[:, :, None], columns[:, None]]  # (T, g, k, k)
+        slogdets[0][:, group], slogdets[1][:, group] = np.linalg.slogdet(blocks)
     return slogdets
 
 
-class _LegGroup(NamedTuple):
-    """The g legs with k equations each."""
-
-    legs: IntArray  # (g,) indices of the legs
-    rows: IntArray  # (g, k) indices of their equations in F
-    columns: IntArray  # (g, k) of their joints in the velocity vector
-
-
 @lru_cache(maxsize=16)
-def _legs_by_size(robot: ParallelRobot) -> list[_LegGroup]:
-    """Return the legs in groups of one number of equations."""
+def _legs_by_size(robot: ParallelRobot) -> list[tuple[IntArray, IntArray, IntArray]]:
+    """Return the legs in groups of g legs with k equations each.
+
+    A group has the indices (g,) of its legs, those (g, k) of their equations in F, and the columns (g, k) of
+    their joints in the velocity vector.
+    """
     sizes = np.array([len(leg.rows) for leg in legs(robot)])
     groups = []
     for size in np.unique(sizes):
         (group,) = (sizes == size).nonzero()
-        rows, columns = (
-            np.array([getattr(legs(robot)[k], name) for k in group]) for name in ("rows", "columns")
-        )
-        groups.append(_LegGroup(group, rows, robot.moving[columns]))
+        rows = np.array([legs(robot)[k].rows for k in group])
+        columns = np.array([legs(robot)[k].columns for k in group])
+        groups.append((group, rows, robot.moving[columns]))
     return groups
 
 

@@ -10,10 +10,6 @@ Methods for Systems of Equations, 1990, section 5.1). The same holds for holomor
 numbers (Rump 1983). If the test fails, it is repeated with a box a little larger than the image
 (epsilon-inflation, Rump 2010). All rounding errors are bounded, see `rounding`.
 
-`NewtonMap` bounds the image for all tests: `prove_existence` for linearised equations in real unknowns, of
-which one may be a parameter; `enclose_solutions` for quadrics in complex unknowns; and `regular_ball` for the
-joints of all platform coordinates in a cell.
-
 If a real system has exactly one solution in a disc about a real point, this solution is real: its conjugate
 lies in the disc, too. If a disc does not meet its mirror image, the solution in it is not real.
 """
@@ -27,13 +23,7 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.rounding import (
-    ROUND_UP,
-    WIDENING_RATIO,
-    approximate_inverses,
-    gamma,
-    identity_defect,
-)
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, approximate_inverses, gamma, identity_defect
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
 MIN_RADIUS, MAX_RADIUS = 1e-14, 10.0  # [rad, robot lengths, or units of z] of widened boxes
