@@ -235,13 +235,13 @@ def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = Fa
         values = np.empty(0)
     fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
     finite = np.abs(values) <= LARGEST_NUMBER
+    largest = f" of at most {LARGEST_NUMBER:g}" if fits and np.isfinite(values).all() else ""
     if fits and values.ndim == 2 and not finite.all():
         rows = np.flatnonzero(~finite.all(axis=1)).tolist()
         which = f"{len(rows)} of {len(values)} rows are not, {short(rows)}"
-        raise InvalidInput(f"{what} must be finite numbers: {which}")
+        raise InvalidInput(f"{what} must be finite numbers{largest}: {which}")
     if not fits or not finite.all():
         shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
-        largest = f" of at most {LARGEST_NUMBER:g}" if np.isfinite(values).all() and fits else ""
         raise InvalidInput(f"{what} must be {count} finite numbers{largest}, got {_CUT.repr(shown)}")
     return values
 
