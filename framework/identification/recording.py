@@ -144,10 +144,6 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
         header: names of all columns.
         columns: indices of the columns to read.
         cells: texts of the row.
-
-    Raises:
-        InvalidInput: another number of cells than columns; a cell that is no number of at most
-            LARGEST_NUMBER.
     """
     if len(cells) != len(header):
         hint = "; decimals need points, not commas" if len(cells) == 2 * len(header) else ""

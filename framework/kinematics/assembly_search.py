@@ -44,12 +44,7 @@ UNSTATED_WEIGHT = 0.05  # of the offset of a joint that the reference does not s
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
 NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
-CLOSING: dict[str, Any] = {
-    "max_nfev": 60,
-    "xtol": 1e-12,
-    "ftol": 1e-12,
-    "gtol": 1e-12,
-}
+CLOSING: dict[str, Any] = {"max_nfev": 60, "xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
 
 
 class ClosedPose(NamedTuple):
@@ -301,11 +296,7 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _find_nearest_offsets(group: _Group) -> Array:
-    """Find the smallest offsets (k,) that close a group's loops, from several starts.
-
-    Raises:
-        NotAssembled: no start leads to a closed pose.
-    """
+    """Find the smallest offsets (k,) that close a group's loops, from several starts."""
     enough_poses = 8  # number of closed poses after which the search ends
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)

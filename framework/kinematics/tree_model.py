@@ -91,8 +91,9 @@ def _rebuild(
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
-                parent = _add_slides(model, parent, placement, name)
-                placement = pin.SE3.Identity()
+                for suffix, slide in _SLIDES:  # one carries the other, the last one the ball
+                    parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
+                    placement = pin.SE3.Identity()
             if name not in as_declared:  # turn the third axis of the ball towards the centre of mass
                 to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
                 placement = placement * to_centre
@@ -106,18 +107,6 @@ def _rebuild(
         # False: the frame adds no inertia, which the joints have already
         model.addFrame(pin.Frame(frame.name, new_index[j], frame.parentFrame, pose, frame.type), False)
     return model
-
-
-def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add the slides of a floating joint `name` to its parent, at a `placement` on the parent.
-
-    Returns:
-        The index of the last slide.
-    """
-    for suffix, slide in _SLIDES:
-        parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
-        placement = pin.SE3.Identity()
-    return parent
 
 
 def _centre_direction(model: pin.Model, j: int) -> Array:

@@ -19,11 +19,7 @@ LARGEST_FILE = 10_000_000  # bytes that are read by default
 
 
 def read_text(
-    file: str | Path,
-    complaint: str,
-    *,
-    error: type[InvalidInput] = InvalidInput,
-    largest: int = LARGEST_FILE,
+    file: str | Path, complaint: str, *, error: type[InvalidInput] = InvalidInput, largest: int = LARGEST_FILE
 ) -> str:
     """Read the text of a regular file of at most `largest` bytes, in UTF-8.
 

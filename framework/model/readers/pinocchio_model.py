@@ -155,10 +155,7 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
     links = [str(link.get("name")) for link in root.findall("link")]  # universe, then one for each joint
     taken, name = set(links), given.name or f"loop_{index}"
     frames: list[str] = []
-    for joint, pose in (
-        (given.joint1_id, given.joint1_placement),
-        (given.joint2_id, given.joint2_placement),
-    ):
+    for joint, pose in ((given.joint1_id, given.joint1_placement), (given.joint2_id, given.joint2_placement)):
         frames.append(free_name(f"{name}_{len(frames) + 1}", taken))
         add_frame(root, frames[-1], links[joint], pose.homogeneous)
     return {"name": name, "frames": frames, "axes": _CONTACTS[given.type]}

@@ -114,10 +114,6 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     """Read an XML file, whose content is `text`, with the reader of its root element.
 
     Errors begin with the line of the element that they name.
-
-    Raises:
-        MissingPackage: the reader needs a package that is not installed.
-        RobotFileError: the root element is unknown, or the reader refuses the file.
     """
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
@@ -209,11 +205,7 @@ def _find_urdf(path: Path) -> Path:
 
 
 def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
-    """Complete a robot of our own file by the options.
-
-    Raises:
-        RobotFileError: options say what the file itself says; or options name what the robot does not have.
-    """
+    """Complete a robot of our own file by the options."""
     said_by = {
         "--base": (options.base, "the key locked"),
         "--lock": (options.locked, "the key locked"),

@@ -28,12 +28,7 @@ import numpy as np
 
 from framework.errors import RobotFileError, check_name
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
-from framework.model.documents import (
-    attribute,
-    parse_axis,
-    parse_numbers,
-    prefix_errors,
-)
+from framework.model.documents import attribute, parse_axis, parse_numbers, prefix_errors
 from framework.model.placement import invert_placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf_scope import (
