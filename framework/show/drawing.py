@@ -260,19 +260,25 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw t_s and W_p at frame k as arrows on the paper.
 
     The arrows are the linear parts or, of a platform that only turns, the angular parts. t_s has one length
-    in all frames, and W_p has this length where it is largest.
+    in all frames, and W_p has this length where it is largest. W_p stands beside, with a leader, where both
+    lie on one another in the picture of the singular instant.
     """
     reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))  # [m] the robot, or what is seen of it
     foot = onto(film.platform[k])
     part = slice(3) if len(film.robot.platform.sliding) else slice(3, 6)
-    twist = film.twists[k, part]
     demands = film.demands[:, part]  # W_p of all frames
     largest = np.linalg.norm(demands, axis=1).max()
-    twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
-    demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
+    twists = film.twists[[k, film.key_frame], part]  # (2, 3)
+    speeds = np.maximum(np.linalg.norm(twists, axis=1, keepdims=True), LEAST_DIVISOR)
+    twist, twist_there = onto(twists * ARROW_LENGTH * reach / speeds)
+    demand, demand_there = onto(demands[[k, film.key_frame]] * ARROW_LENGTH * reach / (largest or 1.0))
+    across = np.array([twist_there[1], -twist_there[0]])  # to the right of t_s
+    overlap = abs(across @ demand_there) < 0.5 * np.linalg.norm(across) * np.linalg.norm(demand_there)
+    beside = foot + 1.1 * across if overlap else foot
+    ax.plot(*np.stack([foot, beside], axis=1), color=WRENCH, linewidth=0.6, linestyle=":", zorder=7)
     label = r"$\mathbf{t}_s$" if film.instants else "nearest to uncontrolled"
-    draw_arrow(ax, foot, onto(twist), TWIST, label)
-    draw_arrow(ax, foot, onto(demand), WRENCH, r"$\mathbf{W}_p$", both=False)
+    draw_arrow(ax, foot, twist, TWIST, label)
+    draw_arrow(ax, beside, demand, WRENCH, r"$\mathbf{W}_p$", both=False)
     _draw_turn(film, ax, k, onto)
 
 
