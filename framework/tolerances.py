@@ -574,6 +574,9 @@ Deflections move the crossing, and the law is sought again with the moved one: t
 flexible joints leaves 2e-14. The programs before the rows of speed were kept left up to 0.8.
 """
 
+REQUIRED_TIME_ERROR = 1e-10
+"""Time of an elastic robot's crossing less the time required, over the latter; sought as the speed above."""
+
 MAX_END_RATE = 1e-3
 """Rate of a spring at the ends of an elastic optimal motion, over its own largest.
 

@@ -128,7 +128,20 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         **({} if workspace.load is None else {"load": workspace.load}),
         **workspace.values,
     }
-    table = list(_table_columns(workspace).items())
+    # the columns of the table by name, with one entry per pose
+    points = workspace.window.points()  # (I, J, n)
+    columns: dict[str, list[Any]] = {
+        workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
+    }
+    columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
+    # 0 of poses that are not reached becomes an empty cell
+    columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
+    if workspace.load is not None:
+        words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
+        columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
+    for quantity in workspace.quantities:
+        columns[quantity.key] = table_cells(workspace.values[quantity.key])
+    table = list(columns.items())
     document = map_document(workspace)
     setup = map_setup(workspace)
     return write_document_and_arrays(folder / DOCUMENT, document, setup, arrays, table)
@@ -167,23 +180,6 @@ def write_document_and_arrays(
 def table_cells(values: np.ndarray) -> list[Any]:
     """Return numbers (...) as a list of table cells, empty for NaN."""
     return ["" if math.isnan(value) else value for value in values.ravel().tolist()]
-
-
-def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
-    """Return the columns of a map's table by name, with one entry per pose."""
-    points = workspace.window.points()  # (I, J, n)
-    columns: dict[str, list[Any]] = {
-        workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
-    }
-    columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
-    # 0 of poses that are not reached becomes an empty cell
-    columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
-    if workspace.load is not None:
-        words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
-        columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
-    for quantity in workspace.quantities:
-        columns[quantity.key] = table_cells(workspace.values[quantity.key])
-    return columns
 
 
 def value_range(values: np.ndarray) -> dict[str, float | None]:

@@ -212,12 +212,7 @@ def run_convert(options: Namespace) -> Report:
 
 
 def _find_description(name: str) -> str:
-    """Return the file of a robot of the package robot_descriptions; any other word as it is.
-
-    Raises:
-        MissingPackage: the package is not installed.
-        InvalidInput: it has no such robot.
-    """
+    """Return the file of a robot of the package robot_descriptions; any other word as it is."""
     if not re.fullmatch(r"\w+_description", name) or FilePath(name).exists():
         return name
     try:

@@ -282,9 +282,6 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
     place to a deflection in static balance. While the model still vibrates too fast, so does the joint that
     moves most in its fastest vibration.
-
-    Raises:
-        InvalidInput: a motion of the platform moves no mass.
     """
     robot = reference.robot
     n, d = robot.n, robot.n + robot.n_e

@@ -262,6 +262,20 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
     return Q @ solve(R.swapaxes(1, 2), scale * wrenches)
 
 
+def internal_projectors(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the projectors (T, n_a, n_a) on motor torques that move nothing, motor side.
+
+    Such torques of redundant motors strain the robot alone: M tau = 0 with the M of `balanced_forces`, times
+    the gear ratios. The QR factorisation M' = Q R gives the projector 1 - Q Q'.
+    """
+    unit_torques = np.zeros((robot.n_a, len(linearised.jacobian), len(robot.moving)))
+    unit_torques[:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
+    of_motors = linearised.factors.solve_transposed(unit_torques)  # (n_a, T, n + m)
+    M = of_motors[:, :, : robot.n].transpose(1, 0, 2)  # (T, n_a, n), transposed
+    Q = np.linalg.qr(robot.platform_scale * robot.gear_ratio[:, None] * M)[0]
+    return np.eye(robot.n_a) - Q @ Q.swapaxes(1, 2)
+
+
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
     """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques (T, n_a) and rotors.
 

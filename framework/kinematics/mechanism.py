@@ -6,7 +6,6 @@ start from a mechanism. A column is an index into pinocchio's velocity vector (n
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -394,17 +393,22 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
-    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`.
-
-    Raises:
-        RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
-    """
+    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`."""
     file = parsed.description.file
     urdf = copy_without_shapes(parsed.urdf)  # changed in place below
     make_continuous_joints_revolute(urdf)
     insert_springs(urdf, springs)
     try:
-        as_declared = _anisotropic_balls(parsed.urdf, parsed.description)
+        # balls keep the axes of the file if parameters differ between axes, or if springs rest off zero
+        as_declared = []
+        for joint in parsed.urdf.findall("joint"):
+            name, kind = joint.get("name", ""), joint.get("type", "")
+            if kind not in COORDINATE_SUFFIXES:
+                continue
+            turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
+            parameters = {parsed.description.joints.get(turn, JointDynamics()) for turn in turns}
+            if len(parameters) > 1 or any(axis.rest for axis in parameters):
+                as_declared.append(name)
         model = tree_model(urdf, as_declared, parsed.joint_order)
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
@@ -414,23 +418,6 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
             f"are taken (pinocchio's working memory grows with their third power)"
         )
     return model
-
-
-def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero.
-
-    The parameters are stated on the axes of the file, so these axes must not be turned.
-    """
-    balls = []
-    for joint in urdf.findall("joint"):
-        name, kind = joint.get("name", ""), joint.get("type", "")
-        if kind not in COORDINATE_SUFFIXES:
-            continue
-        turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
-        parameters = {description.joints.get(turn, JointDynamics()) for turn in turns}
-        if len(parameters) > 1 or any(axis.rest for axis in parameters):
-            balls.append(name)
-    return balls
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
@@ -457,9 +444,9 @@ def frame_index(model: pin.Model, name: str) -> int:
 
     In URDF a link and a joint may share a name.
     """
-    link = pin.FrameType.BODY
-    is_link = model.existFrame(name, link)
-    return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
+    kinds = (pin.FrameType.BODY, pin.FrameType.JOINT)
+    kind = next((kind for kind in kinds if model.existFrame(name, kind)), None)
+    return int(model.getFrameId(name) if kind is None else model.getFrameId(name, kind))
 
 
 def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:

@@ -274,6 +274,15 @@ class Coupling:
     offset: float = 0.0
     terms: tuple[tuple[Product, float], ...] = ()  # further products of joints, without `joint` itself
 
+    def __post_init__(self) -> None:
+        """Refuse coefficients of which powers overflow."""
+        largest = max(map(abs, self.equation.values()))
+        if not largest <= LARGEST_NUMBER:
+            raise RobotFileError(
+                f"coupling {self.name}: coefficients must be at most {LARGEST_NUMBER:g} in size, "
+                f"got {largest:g}"
+            )
+
     @property
     def name(self) -> str:
         """Name of the loop equation."""

@@ -192,10 +192,7 @@ class RobotReader:
             return Platform(**read_table(where, given, on_axes))
         if "axes" in content:
             raise RobotFileError(f"{where}: needs either axes or joints, and not both")
-        of_joints = {
-            "joints": required(distinct("joint", self.urdf.movable)),
-            "frame": optional(self.frame),
-        }
+        of_joints = {"joints": required(distinct("joint", self.urdf.movable)), "frame": optional(self.frame)}
         values = read_table(where, given, of_joints)
         frame = values["frame"] or self.urdf.joints[values["joints"][-1]].child
         return Platform(frame, joints=values["joints"])

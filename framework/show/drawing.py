@@ -245,11 +245,7 @@ MIN_TURN, MAX_TURN = 0.1, 2.6  # [rad] half of the arc of t_s: too short to draw
 
 
 def plot_still(
-    film: Film,
-    ax: Axes | None = None,
-    *,
-    frame: int | None = None,
-    limit: Array | None = None,
+    film: Film, ax: Axes | None = None, *, frame: int | None = None, limit: Array | None = None
 ) -> Axes:
     """Draw one frame of a film.
 

@@ -380,21 +380,17 @@ def _quantity_document(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     """Return a quantity for the page: values, range and colours."""
     palette, norm = quantity_colours(workspace, quantity)
     shades = palette(np.linspace(0.0, 1.0, 256))[:, :3]
+    reading = f"Bright is {'large' if quantity.large_is_good else 'small'}, and good."
+    if quantity.signed:
+        reading = "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
     return {
         **select_fields(quantity, "key", "name", "decades", "loaded"),
         "unit": quantity_unit(workspace.robot, quantity),
-        "reading": _describe_colours(quantity),
+        "reading": reading,
         "values": encode_array(workspace.values[quantity.key].astype("<f4")),
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],
         "colours": np.round(255 * shades).astype(int),
     }
-
-
-def _describe_colours(quantity: Quantity) -> str:
-    """Say which colours of a quantity are good."""
-    if quantity.signed:
-        return "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
-    return f"Bright is {'large' if quantity.large_is_good else 'small'}, and good."
 
 
 def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -> Document:

@@ -196,19 +196,7 @@ def _figures_html(plan: CrossingPlan, film: Film) -> str:
     """Return the figures with their captions."""
     figures = []
     drawings = plan_drawings(plan, film)
-    for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
-        with use_style():
-            drawing = figure_file(drawings[name]().figure, "svg")
-        data = b64encode(drawing).decode("ascii")
-        figures.append(
-            f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
-            f"<figcaption><b>Figure {number}.</b> {_mark_indices(caption)}</figcaption></figure>"
-        )
-    return f'<div class="figures">{"".join(figures)}</div>'
-
-
-def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
-    """Return the captions of the figures, in their order."""
+    # captions of the figures, in their order
     where = "at the singular instant" if film.instants else "halfway"
     locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
     dashed = " Dashed: the singular instants." if plan.crossings else ""
@@ -233,7 +221,15 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
         captions["phase_plane"] = (
             "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
         )
-    return captions
+    for number, (name, caption) in enumerate(captions.items(), 1):
+        with use_style():
+            drawing = figure_file(drawings[name]().figure, "svg")
+        data = b64encode(drawing).decode("ascii")
+        figures.append(
+            f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
+            f"<figcaption><b>Figure {number}.</b> {_mark_indices(caption)}</figcaption></figure>"
+        )
+    return f'<div class="figures">{"".join(figures)}</div>'
 
 
 # ------------------------------------------------------------------ how to repeat the plan

@@ -157,11 +157,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
 
 
 def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
-    """Return the closure of `--close FRAME FRAME KIND [AXIS or LENGTH]`.
-
-    Raises:
-        RobotFileError: the words are too few or too many, or one of them is not valid.
-    """
+    """Return the closure of `--close FRAME FRAME KIND [AXIS or LENGTH]`."""
     where = f"--close {' '.join(words)}"
     if len(words) not in (3, 4):
         raise RobotFileError(f"{where}: needs FRAME FRAME KIND, and an axis or a length of some kinds")
@@ -187,7 +183,7 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
         file: that was read, from whose folder paths start.
         packages: NAME=FOLDER each.
     """
-    folders: dict[str, str] = {}
+    folders = {"": os.fspath(file.parent)}  # some exporters write package:///FILE
     for word in packages:
         name, equals, folder = word.partition("=")
         if not equals or not os.path.isdir(folder):
