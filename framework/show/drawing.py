@@ -22,7 +22,7 @@ from framework.dynamics.platform_wrench import action_lines
 from framework.errors import check_choice
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import carried_points, joint_poses, planar_normal
+from framework.kinematics.placements import carried_points, frame_origins, joint_poses, planar_normal
 from framework.model.visuals import Shape
 from framework.moved_modules import renamed_names
 from framework.numerics.arrays import LEAST_DIVISOR, Array
@@ -33,6 +33,7 @@ from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Projection, Sight, film_sight, robot_sight
 from framework.show.style import (
     ALARM,
+    CROSSING,
     GIVEN,
     LOCUS,
     PATH,
@@ -46,8 +47,10 @@ from framework.show.style import (
     use_style,
 )
 from framework.singularity.drawn_locus import locus_curves
+from framework.tolerances import SAME_PLACE
 
 ROUND_OUTLINE_CORNERS = 32  # polygon corners of a round outline
+COILS = 6  # of a spring between two points
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from a mesh to the light
 
 
@@ -84,6 +87,8 @@ def draw_robot(
     edges[is_solid, :3] *= 0.6  # a solid has a dark outline, a triangle of a mesh none of its own
     outlines = [face.outline for face in faces]
     ax.add_collection(PolyCollection(outlines, facecolors=colors, edgecolors=edges, linewidths=0.4, zorder=1))
+    for line in _coil_lines(robot, q):
+        ax.plot(*sight.onto(line).T, color=CROSSING, linewidth=0.8, zorder=2)
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.grid(visible=False)
@@ -92,6 +97,25 @@ def draw_robot(
     else:
         ax.set(xlabel=f"{_axis_name(sight.onto.right)}  [m]", ylabel=f"{_axis_name(sight.onto.up)}  [m]")
     return ax
+
+
+def _coil_lines(robot: ParallelRobot, q: Array) -> list[Array]:
+    """Return the coils of springs between points at q (nq,) as lines (m, 3) [m], straight ends included."""
+    poses = joint_poses(robot, q[None])
+    ends = [frame_origins(robot, poses, frame)[0] for frame in robot.frames]
+    along = np.linspace(0.2, 0.8, 2 * COILS + 1)
+    sideways = 0.02 * robot.length * np.array([0.0, *[1.0, -1.0] * COILS])
+    lines = []
+    for first, second in zip(robot.line_springs.first, robot.line_springs.second, strict=True):
+        start, end = ends[first], ends[second]
+        if np.linalg.norm(end - start) < SAME_PLACE * robot.length:
+            continue
+        across = planar_normal(robot)
+        across = np.array([0.0, 0.0, 1.0]) if across is None else np.cross(across, end - start)
+        across = across / (np.linalg.norm(across) or 1.0)
+        coil = start + along[:, None] * (end - start) + sideways[:, None] * across
+        lines.append(np.concatenate([[start, coil[0]], coil, [start + 0.8 * (end - start), end]]))
+    return lines
 
 
 def draw_scale_bar(ax: Axes, length: float) -> None:

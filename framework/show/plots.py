@@ -43,6 +43,7 @@ from framework.show.style import (
     new_figure,
     save_pages,
 )
+from framework.show.vibration_figures import path_vibrations, plot_vibrations
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import SAME_PLACE
 
@@ -255,7 +256,8 @@ def plot_raw_torques(
 def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes]]:
     """Return functions that draw the figures of a plan and its film, by name.
 
-    Plans with crossings also have the eye; optimal laws also have the phase plane. Each function returns one
+    Plans with crossings also have the eye, optimal laws the phase plane, robots with springs the vibrations
+    (`plot_vibrations`). Each function returns one
     of its axes, which stands for the whole figure.
     """
     drawings: dict[str, Callable[[], Axes]] = {
@@ -270,6 +272,8 @@ def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes
         drawings["eye"] = lambda: plot_eyes([film], limit_for_picture(plan.robot, film.torque))
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
+    if path_vibrations(plan) is not None:
+        drawings["vibrations"] = lambda: plot_vibrations(plan)
     return drawings
 
 
