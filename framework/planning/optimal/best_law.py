@@ -217,4 +217,4 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
         tuple(program.basis.cells),
         specification.ends.moving,
     )
-    return Best(law, search, program.evaluate_speed(y)._replace(floor=speed.floor))
+    return Best(law, search, program.evaluate_speed(y, speed.x)._replace(floor=speed.floor))

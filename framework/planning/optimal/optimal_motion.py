@@ -47,7 +47,7 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals import PRINTED_DIGITS, SearchEvidence, StaticFold, advice_of
-from framework.planning.request import limit_excess, motor_peaks
+from framework.planning.request import limit_excess, motor_peaks, share_within
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     MAX_SOFTENING,
@@ -550,7 +550,7 @@ def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) ->
     Args:
         known: deflections in balance; None to solve for the deflections.
     """
-    return resolve(
+    dynamics = resolve(
         task.to_cross.searched,
         lambda _: law,
         geometry=task.geometry,
@@ -558,3 +558,4 @@ def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) ->
         friction=task.request.friction,
         known=known,
     )
+    return share_within(dynamics, task.specification, optimal=True)

@@ -124,7 +124,7 @@ class SmoothSearch(NamedTuple):
         """
         duration = self.program.problem.specification.duration
         if similar is not None:  # with the costs of this program
-            similar = self.program.evaluate_speed(similar.y)._replace(floor=similar.floor)
+            similar = self.program.evaluate_speed(similar.y, similar.x)._replace(floor=similar.floor)
         if self.program.problem.stops:
             return self._find_timed(similar)
         if duration is not None:
@@ -268,8 +268,8 @@ class SmoothSearch(NamedTuple):
             z = np.outer(1.0 - shares, fine_z @ slow.y) + np.outer(shares, fine_z @ quick.y)  # (BLENDS, F)
             is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
             last = max(int(np.append(is_slow, False).argmin()) - 1, 0)
-            blend = slow.y + shares[last] * (quick.y - slow.y)
-            yield self.program.evaluate_speed(blend)._replace(floor=floor)
+            y, x = (a + shares[last] * (b - a) for a, b in ((slow.y, quick.y), (slow.x, quick.x)))
+            yield self.program.evaluate_speed(y, x)._replace(floor=floor)
 
     def _settle(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
         """Find a law of little cost whose stages take what is required; None without one.
@@ -318,7 +318,7 @@ class SmoothSearch(NamedTuple):
             y = program.space.adjust(law.y, program.conditions, program.problem.instants)
         except InvalidInput:  # z is nearly zero
             return None
-        return program.evaluate_speed(y)._replace(floor=floor)
+        return program.evaluate_speed(y, law.x)._replace(floor=floor)
 
     # -------------------------------------------------------------- a required duration
 
@@ -356,7 +356,10 @@ class SmoothSearch(NamedTuple):
         """Blend a quick and a slow speed to a duration [s]; return the slow one if that is not between."""
         if not quick.duration < duration < slow.duration:
             return slow
-        blend = self.program.evaluate_speed(self.program.space.blend(quick.y, slow.y, duration))
+        y = self.program.space.blend(quick.y, slow.y, duration)
+        direction = quick.y - slow.y
+        share = (y - slow.y) @ direction / (direction @ direction)
+        blend = self.program.evaluate_speed(y, slow.x + share * (quick.x - slow.x))
         return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _minimise_slow(self, quick: Speed, goal: str, bounds: Bounds, **options: Any) -> Speed | Unsolved:
@@ -379,8 +382,9 @@ class SmoothSearch(NamedTuple):
         # the share of the quick law in the blend at which z is LIFTED_SHARE z_quick, at each point
         share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
         largest_share = share[z < LIFTED_SHARE * z_quick].max()
-        blend = slow.y + largest_share * (quick.y - slow.y)
-        return self.program.evaluate_speed(blend)._replace(floor=slow.floor)
+        y = slow.y + largest_share * (quick.y - slow.y)
+        x = slow.x + largest_share * (quick.x - slow.x)
+        return self.program.evaluate_speed(y, x)._replace(floor=slow.floor)
 
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends.
@@ -627,7 +631,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
         allowed = np.minimum(allowed, bounds.peak * (1.0 + LIMIT_MARGIN) * problem.reference)
 
     # intervals with a large ratio to a limit at one of their ends; the first rows are those of the points
-    ratio_at_points = program.rows.largest_limit_ratio(speed.y, allowed)[: len(program.xi)]
+    ratio_at_points = program.rows.largest_limit_ratio(speed.y, speed.x, allowed)[: len(program.xi)]
     intervals = np.flatnonzero(np.maximum(ratio_at_points[1:], ratio_at_points[:-1]) > NEARLY_REACHED)
     if not len(intervals):
         return np.empty(0)
@@ -638,8 +642,8 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     # rows cannot be computed on a crossing, where torques are 0 / 0
     distance = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf)
     xi = xi[distance > SAME_PLACE]
-    rows = motor_rows(problem, program.basis, program.conditions, xi)
-    ratio = rows.largest_limit_ratio(speed.y, allowed)
+    rows = motor_rows(problem, program.basis, program.conditions, xi, program.frames)
+    ratio = rows.largest_limit_ratio(speed.y, speed.x, allowed)
     if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
     padded = np.pad(ratio, 1, constant_values=-np.inf)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.torque_distribution import InternalSplines, second_differences
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.chebyshev import gauss_legendre
@@ -45,6 +46,10 @@ POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
 POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
+
+
+INTERNAL_WEIGHT = 1e-1  # of the bends of internal torques in the cost of a smooth law
+NO_INTERNAL = np.empty(0)
 
 
 class Bounds(NamedTuple):
@@ -80,6 +85,7 @@ class Speed(NamedTuple):
     least_duration: the least duration [s] with the required instants, by the quadrature of the program; NaN
         for other goals than "time".
     floor: [1/s^2], the lower bound of the coefficients of splines, or of the values of a series.
+    x: coefficients (n r,) of the internal torques of redundant motors; none if there are no such motors.
     """
 
     y: Array
@@ -89,6 +95,7 @@ class Speed(NamedTuple):
     energy: float
     least_duration: float = np.nan
     floor: float = 0.0
+    x: Array = NO_INTERNAL
 
     @property
     def duration(self) -> float:
@@ -108,6 +115,7 @@ class SpeedProgram:
     rows: MotorRows  # at the points, then at crossings, then at further_xi
     conditions: Affine  # (k, n)
     further_xi: Array  # (R,) between the points, where a limit was exceeded
+    frames: Array | None  # (n, n_a, r) of internal torques, if redundant motors share the load freely
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
@@ -126,12 +134,13 @@ class SpeedProgram:
         counts = np.repeat(np.where(parts > 1, POINTS, counts), parts)
         xi, weights = _integration_points(problem, edges, counts)
         conditions = condition_rows(problem, basis)
-        rows = motor_rows(problem, basis, conditions, xi)
+        frames = problem.internal_frames(InternalSplines(cells))
+        rows = motor_rows(problem, basis, conditions, xi, frames)
         limit_weights = _weigh_limits(xi, cells, crossings)
         if limit_weights:
             rows_at_crossings = rows.combine(np.array(limit_weights))
             rows = rows.stack(rows_at_crossings)
-        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0))
+        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0), frames)
 
     @property
     def space(self) -> SpeedSpace:
@@ -182,7 +191,20 @@ class SpeedProgram:
         rows = curvature.scale(np.sqrt(self._inner_weights))
         # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.values)) * rows.shape[0])
-        return linear_rows(y=rows / size)
+        curvature = rows / size
+        if self.frames is None:
+            return linear_rows(y=curvature)
+        bends = second_differences(self.frames)
+        bends = bends * (INTERNAL_WEIGHT / np.sqrt(len(self.frames)))
+        return linear_rows(
+            y=curvature.append(SparseRows.zeros((bends.shape[0], self.basis.size))),
+            x=SparseRows.zeros((curvature.shape[0], bends.shape[1])).append(bends),
+        )
+
+    @property
+    def _internal_count(self) -> int:
+        """The number n r of coefficients of internal torques."""
+        return 0 if self.frames is None else self.frames.shape[0] * self.frames.shape[2]
 
     @cached_property
     def fine_quadrature(self) -> tuple[SparseRows, Array]:
@@ -200,16 +222,17 @@ class SpeedProgram:
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with further rows at xi (R,)."""
-        rows = motor_rows(self.problem, self.basis, self.conditions, xi)
+        rows = motor_rows(self.problem, self.basis, self.conditions, xi, self.frames)
         return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
-    def evaluate_speed(self, y: Array, least_duration: float = np.nan) -> Speed:
+    def evaluate_speed(self, y: Array, x: Array = NO_INTERNAL, least_duration: float = np.nan) -> Speed:
         """Compute durations, peaks and energy of the squared speed z with coefficients y (n,).
 
         Durations are integrals of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
         of |torque|^2 z^(-1/2) at the points of the program, with torques over their reference.
 
         Args:
+            x: coefficients (n r,) of internal torques.
             least_duration: the optimum [s] of the goal "time", by the program's quadrature; else NaN.
         """
         fine_z, fine_weights = self.fine_quadrature
@@ -217,14 +240,14 @@ class SpeedProgram:
         durations = fine_weights @ z**-0.5 if z.min() > 0 else np.full(len(fine_weights), np.inf)
 
         # energy, with z > 0 also where the solver missed it by rounding; peaks at all rows
-        torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
+        torque = np.stack(self.rows.torques(y, x), axis=1) / self.problem.reference
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
         power = (torque[self._inner_points] ** 2).sum(axis=1) * slowness
         energy = float(self._inner_weights @ power)
         peak = float(np.abs(torque).max(initial=0.0))
         squared_speeds = [(rows @ y).max() for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
-        return Speed(y, durations, peak, peak_speed, energy, least_duration)
+        return Speed(y, durations, peak, peak_speed, energy, least_duration, x=x)
 
     def minimise(
         self,
@@ -300,7 +323,8 @@ class SpeedProgram:
         if goal == "time":
             open_stage = float(self.stage_weights[stage] @ optimum["v"]) * units.time
             least = open_stage + sum(self.problem.specification.times[-1:])
-        return self.evaluate_speed(y, least)._replace(floor=floor)
+        x = optimum["x"] * self._internal_unit(units) if self.frames is not None else NO_INTERNAL
+        return self.evaluate_speed(y, x, least)._replace(floor=floor)
 
     def _trusted_range(self) -> tuple[Array, Array]:
         """Return bounds (m,) [1/s^2] of the `positive_rows` by the problem, from below and from above."""
@@ -325,6 +349,8 @@ class SpeedProgram:
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
+        if self.frames is not None:
+            sizes["x"] = self._internal_count
         if timed or powered:
             sizes["r"] = count
         if timed:
@@ -429,10 +455,18 @@ class SpeedProgram:
             units: units of time and torque of the program; y is in 1 / time^2.
         """
         torques = []
-        for (matrix, offset), reference in zip(self.rows.torque, self.problem.reference, strict=True):
+        for motor, reference in enumerate(self.problem.reference):
+            matrix, offset = self.rows.torque[motor]
             unit = reference * units.torque
-            torques.append(AffineRows({"y": matrix / (unit * units.time**2)}, offset / unit))
+            parts = {"y": matrix / (unit * units.time**2)}
+            if self.frames is not None:
+                parts["x"] = self.rows.internal[motor] * (self._internal_unit(units) / unit)
+            torques.append(AffineRows(parts, offset / unit))
         return torques
+
+    def _internal_unit(self, units: Units) -> float:
+        """Return the unit [N m] of the internal torques' coefficients in a program of these units."""
+        return float(self.problem.reference.min() * units.torque)
 
     def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
         """Return the bound of a motor's relative torque, in its unit; infinite without a bound.
@@ -449,9 +483,16 @@ class SpeedProgram:
         limit = self.problem.specification.torque_limit[motor]
         if goal == "limits" or not bounds.torque_limits or not np.isfinite(limit):
             return largest
-        holding_torque = np.abs(self.rows.torque[motor].offset[[0, len(self.xi) - 1]]).max()  # at an end
+        holding_torque = self._holding_torques[motor]
         allowed = max(bounds.share * limit, min(holding_torque, limit))
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
+
+    @cached_property
+    def _holding_torques(self) -> Array:
+        """The larger torques (n_a,) [N m] of both ends where z = u = 0, of least peak if shared freely."""
+        ends = [0, len(self.xi) - 1]
+        torques = np.stack([torque.offset[ends] for torque in self.rows.torque], axis=1)
+        return np.asarray(np.abs(self.problem.least_peak(torques, self.xi[ends])).max(axis=0))
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
@@ -476,7 +517,10 @@ class SpeedProgram:
         if powered:
             inside = self._inner_points
             twice_torque = [
-                AffineRows({"y": 2.0 * torque.parts["y"][inside]}, 2.0 * torque.offset[inside])
+                AffineRows(
+                    {name: 2.0 * matrix[inside] for name, matrix in torque.parts.items()},
+                    2.0 * torque.offset[inside],
+                )
                 for torque in self._torques_in_units(units)
             ]
             cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
@@ -576,10 +620,14 @@ def _bound_size(
 
     `peak` is an unknown of the program. Without a `peak_share` it does not count.
     """
-    matrix = torque.parts["y"]
-    peak = {} if peak_share is None else {"peak": _constant_column(matrix, peak_share)}
+    peak = {} if peak_share is None else {"peak": _constant_column(torque.parts["y"], peak_share)}
     return [
-        _scale_large_rows(AffineRows({"y": sign * matrix, **peak}, sign * torque.offset + largest))
+        _scale_large_rows(
+            AffineRows(
+                {**{name: sign * matrix for name, matrix in torque.parts.items()}, **peak},
+                sign * torque.offset + largest,
+            )
+        )
         for sign in (-1.0, 1.0)
     ]
 

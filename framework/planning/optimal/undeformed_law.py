@@ -34,7 +34,7 @@ from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
-from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
+from framework.tolerances import BOUND_MARGIN, DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
 SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
@@ -323,8 +323,10 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
     if ends.moving[int(holding.s)]:
         speed, acceleration = ends.derivatives(2)[int(holding.s)]
         load = f"drive with {needed} {unit} at s' = {speed:g} 1/s and s\" = {acceleration:g} 1/s^2"
+    shared = ", even with the load shared best" if problem.specification.shares_freely else ""
     return NoLaw(
-        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may {allowed}",
+        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may "
+        f"{allowed}{shared}",
         proof=holding,
         evidence=evidence,
     )
@@ -403,8 +405,10 @@ def _overloaded_at_ends(problem: LawProblem) -> HoldingTorque | None:
     limit = problem.specification.torque_limit
     at_rest = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0])).torque.constant
     is_moving = np.array(problem.specification.ends.moving)[:, None]
-    holding = np.abs(np.where(is_moving, torques_at_ends(task), at_rest))  # (2, n_a)
-    overloaded = np.argwhere(holding > limit)  # rows (end, motor)
+    torques = np.where(is_moving, torques_at_ends(task), at_rest)  # (2, n_a)
+    holding = np.abs(problem.least_peak(torques, np.array([-1.0, 1.0])))
+    rounding = BOUND_MARGIN if problem.specification.shares_freely else 0.0  # of a solver
+    overloaded = np.argwhere(holding > (1.0 + rounding) * limit)  # rows (end, motor)
     if not len(overloaded):
         return None
     end, motor = overloaded[0]  # end: 0 for s = 0, 1 for s = 1
