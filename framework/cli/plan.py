@@ -367,7 +367,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
         least = f"has a peak below {peaks[best.reference.argmax()].text}"
     over = cost / bound.value - 1.0
-    return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more")]
+    uncounted = "; required times are not counted" if best.specification.times else ""
+    return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more{uncounted}")]
 
 
 def plan_lines(plan: CrossingPlan) -> list[str]:
