@@ -306,10 +306,12 @@ class _SharedMotion:
             # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
             sizes = np.abs(self._shares_with(internal.x) + self.friction)
             beside = np.maximum(sizes, self._largest_beside(internal.x))
-            is_exceeded = beside > (1.0 + ROW_ROUNDING) * internal.peak * limit / self.reference
+            ratio = beside / (internal.peak * limit / self.reference)
+            is_exceeded = ratio > 1.0 + ROW_ROUNDING
             if not is_exceeded.any():
                 break
-            allowed[is_exceeded] *= sizes[is_exceeded] / beside[is_exceeded]
+            between = is_exceeded & has_row & (beside > sizes)
+            allowed[between] /= ratio[between]
             has_row |= is_exceeded
         return internal
 
