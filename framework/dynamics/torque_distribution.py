@@ -44,7 +44,7 @@ MAX_ROUNDS = 8  # of adding rows
 MAX_NODES = 16  # of a cell, on which internal torques are polynomials times a smooth projector
 ROOMS = (0.1 * LIMIT_MARGIN,)  # shares of limits that are left free, tried in turn
 PEAK_ROUNDING = 1e-5  # share by which a least peak may be exceeded: an error of the solver
-ROW_ROUNDING = 1e-6  # share by which a limit is exceeded at a node that then gets rows
+ROW_ROUNDING = 3e-5  # share by which a limit is exceeded at a node that then gets rows
 
 
 class InternalSplines(NamedTuple):
