@@ -26,12 +26,7 @@ from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
 from framework.numerics.output import Document, write_files, written_together
 from framework.numerics.tasks import executor_of
-from framework.planning.motion_table import (
-    DEFAULT_ROWS,
-    MotionTable,
-    motion_columns,
-    select_columns,
-)
+from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_columns, select_columns
 from framework.planning.options import TYPED
 from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
@@ -151,6 +146,8 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
         return scene_path(scene(robot, options.scene))
     if start is None or end is None:
         scenes = list(robot.description.scenes)
+        if getattr(options, "to_mode", None) or getattr(options, "in_joints", None):
+            raise InvalidInput("--in, --to-mode: need both --from and --to")
         if not scenes:
             raise InvalidInput(f"give both --from and --to: {robot.name} has no scenes")
         raise InvalidInput(

@@ -158,7 +158,8 @@ class PlanOptions:
     )
     times: Sequence[float] | None = _option(
         "instants of the crossings [s]",
-        ", ascending, one for each singular point; chosen when None. An empty list asks for a law "
+        ", ascending, one for each singular point; chosen when None. Every law meets them: the polynomial, "
+        "or the optimal law with its goal, without a duration too. An empty list asks for a polynomial "
         "without crossing conditions",
         check=_numbers,
         typed={"type": float, "nargs": "*", "metavar": "t"},

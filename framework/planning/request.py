@@ -115,8 +115,8 @@ class Request(PlanOptions):
         """The kind of law: polynomial, optimal or auto.
 
         Auto means the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks
-        for the optimal law. So do limits without a duration. Given times ask for the polynomial, which is
-        refused if it exceeds limits.
+        for the optimal law. So do limits without a duration. Given times ask for the polynomial; the optimal
+        law replaces it if it does not advance or exceeds limits.
         """
         asks_for_optimal = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if asks_for_optimal or (self.bounded and self.duration is None):
@@ -141,7 +141,8 @@ class Request(PlanOptions):
     @property
     def may_be_optimal(self) -> bool:
         """Whether the request admits an optimal law."""
-        return self.kind == "optimal" or (self.kind == "auto" and self.smoothness <= HIGHEST_SMOOTHNESS)
+        is_left_open = self.kind == "auto" or (self.law == "auto" and self.times != ())
+        return self.kind == "optimal" or (is_left_open and self.smoothness <= HIGHEST_SMOOTHNESS)
 
     @property
     def fixed_duration(self) -> float:
@@ -187,9 +188,13 @@ class Request(PlanOptions):
 
         There is no advice if the duration is missing: only the user can choose one.
         """
-        if self.times is not None:
-            refusal = InvalidInput("times: belong to the polynomial; the optimal law finds its own")
+        if self.times == ():
+            refusal = InvalidInput("times: none, for a law without crossings, belong to the polynomial")
             raise self._advise_change(refusal, times=None, speeds=None)
+        end = self.duration or self.longest or np.inf
+        for t in self.times or ():
+            if not 0.0 < t < end:
+                raise InvalidInput(f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}")
         if self.longest is not None and self.duration is not None:
             refusal = InvalidInput("longest: bounds a duration that is open; give either, not both")
             raise self._advise_change(refusal, duration=None)
@@ -257,6 +262,7 @@ class Specification(ReadOnlyArrays):
         limit, without bounding the torque; if no motor has a limit, all have the same weight.
     duration: exact duration [s]; None if open.
     longest: largest duration [s]; None if unbounded.
+    times: required instants [s] of the crossings; empty if they are open.
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.
     smoothness: order up to which derivatives of s are given at both ends.
     friction: (n_a,) dry friction, which is part of the motors' torques [N m], motor side.
@@ -273,6 +279,7 @@ class Specification(ReadOnlyArrays):
     smoothness: int
     friction: Array
     ends: Ends = REST
+    times: tuple[float, ...] = ()
     shares_freely: bool = False
 
     def scale_limits(self, share: float) -> Specification:
@@ -328,6 +335,7 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,
         ends=request.ends,
+        times=tuple(request.times or ()),
         friction=motor_friction(robot, request.friction),
         shares_freely=robot.n_a > robot.n and not robot.n_e and request.torque_sharing != "least_norm",
     )

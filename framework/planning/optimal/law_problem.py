@@ -27,7 +27,7 @@ from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.law import compose_derivatives
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import HIGHEST_ORDER
-from framework.laws.squared_speed import ONE_CELL, SpeedBasis
+from framework.laws.squared_speed import ONE_CELL, Instants, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
@@ -43,6 +43,7 @@ class LawProblem(NamedTuple):
     """The search for a law: a task with conditions at `crossings`, sigma (k,).
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
+    stops: sigma at which the required times of crossings, if any, must hold.
     z0: the squared speed about which damping is linearised; None leaves damping out.
     sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
@@ -55,6 +56,7 @@ class LawProblem(NamedTuple):
     task: Task
     crossings: Array
     conditions: Array
+    stops: tuple[float, ...] = ()
     z0: SquaredSpeed | None = None
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
@@ -113,6 +115,34 @@ class LawProblem(NamedTuple):
         """
         task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
+
+    @property
+    def instants(self) -> Instants:
+        """The required instants of crossings, and the duration if it is required."""
+        return self.instants_until(self.specification.duration)
+
+    def instants_until(self, duration: float | None) -> Instants:
+        """Return the required instants of crossings, and a duration [s] unless None."""
+        return Instants.of(self.stops, self.specification.times, duration)
+
+    @property
+    def stages(self) -> Array:
+        """The durations (m,) [s] between required instants; the last is infinite if the end is open."""
+        specification = self.specification
+        end = np.inf if specification.duration is None else specification.duration
+        return np.diff([0.0, *specification.times, end])
+
+    def bound_stages(self, longest: float | None) -> Array | None:
+        """Return bounds (m,) [s] of the stages in a law that takes at most `longest`; None without any."""
+        bounds = self.stages
+        if longest is not None:
+            bounds[-1] = min(bounds[-1], longest - sum(self.specification.times[-1:]))
+        return bounds if np.isfinite(bounds).any() else None
+
+    @property
+    def stop_xi(self) -> Array:
+        """The parameter xi of each required instant inside the path."""
+        return self.task.stretch(np.array(self.stops))
 
     @property
     def crossing_xi(self) -> Array:
