@@ -202,7 +202,9 @@ def plot_phase_plane(
     # s, s' and s" of each plan
     laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
     tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
-    _draw_phase_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
+    curves = limit_curves(plan)
+    if curves.known:
+        _draw_phase_limits(axes, curves, tops, plan.robot.torque_units[0])
     for k, (each, law) in enumerate(zip(plans, laws, strict=True)):
         for ax, values in zip(axes, law[1:], strict=True):
             ax.plot(law[0], values, label=f"{each.law.kind}, {each.duration:.3g} s", **line_style(k))
