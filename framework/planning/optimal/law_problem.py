@@ -11,6 +11,7 @@ row stays bounded and sparse.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -30,6 +31,8 @@ from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
 from framework.planning.request import Specification
 
+# speeds over the no-load speed: the least and, without a law, the first about which roots of z are linearised
+LEAST_TANGENT, FIRST_TANGENT = 1e-3, 0.25
 POLE_WIDTH = 0.05  # distance in xi from a crossing within which the pole is removed from torque rows
 
 
@@ -37,7 +40,9 @@ class LawProblem(NamedTuple):
     """The search for a law: a task with conditions at `crossings`, sigma (k,).
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
-    z0: the squared speed about which damping is linearised; None leaves damping out.
+    z0: the squared speed about which damping and limits of drives are linearised; None leaves damping out.
+        With a response, limits of drives are linearised about its z.
+    slowness: factor by which the law is slowed about which a duration is linearised.
     sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
     degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
@@ -50,6 +55,7 @@ class LawProblem(NamedTuple):
     crossings: Array
     conditions: Array
     z0: SquaredSpeed | None = None
+    slowness: float = 1.0
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
     degree: int | None = None
@@ -86,6 +92,32 @@ class LawProblem(NamedTuple):
         return self._replace(task=task, chosen_reference=self.reference)
 
     @property
+    def averaging_time(self) -> float | None:
+        """The time [s] over which RMS torques are averaged; None for an open duration of the law."""
+        drives = self.specification.drives
+        cycle_time = None if drives is None else drives.cycle_time
+        return cycle_time or self.specification.duration
+
+    def linearised_about(self, z: SparseRows, sigma: Array) -> Array | None:
+        """Return the squared speed (M,) about which limits of drives are linearised; None before a law.
+
+        Args:
+            z: rows (M, n) of the squared speed at sigma (M,).
+        """
+        if self.response is not None:
+            return np.maximum(z @ self.response.y, np.finfo(float).tiny)
+        return None if self.z0 is None else self.z0(sigma)
+
+    @property
+    def is_linearised(self) -> bool:
+        """Whether damping or limits of drives are linearised about a law, so that a next law is sought."""
+        drives = self.specification.drives
+        if drives is None:
+            return self.task.robot.is_damped
+        averages = np.isfinite(drives.rms_torque_limit).any() and self.averaging_time is None
+        return bool(self.task.robot.is_damped or drives.curved.any() or averages)
+
+    @property
     def crossing_xi(self) -> Array:
         """The parameter xi (k,) of each condition."""
         return self.task.stretch(self.crossings)
@@ -113,13 +145,15 @@ class MotorRows(NamedTuple):
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
     squared_speed: tuple[SparseRows, ...]  # (M, n) of each motor with a speed limit, over the squared limit
+    curve: tuple[Affine, ...] = ()  # (M, n) of each motor with a torque-speed curve, 1 on the curve
 
     def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
-        torque = tuple(
-            Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in self.torque
+        torque, curve = (
+            tuple(Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in rows)
+            for rows in (self.torque, self.curve)
         )
-        return MotorRows(torque, tuple(SparseRows.of(weights @ matrix) for matrix in self.squared_speed))
+        return MotorRows(torque, tuple(SparseRows.of(weights @ rows) for rows in self.squared_speed), curve)
 
     def largest_limit_ratio(self, y: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
@@ -132,6 +166,7 @@ class MotorRows(NamedTuple):
         """
         ratios = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
         ratios += [rows @ y for rows in self.squared_speed]
+        ratios += [curve(y) for curve in self.curve]
         return np.asarray(np.max(ratios, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
@@ -141,6 +176,7 @@ class MotorRows(NamedTuple):
         return MotorRows(
             tuple(_stack_affine(upper, lower) for upper, lower in torques),
             tuple(upper.append(lower) for upper, lower in speeds),
+            tuple(map(_stack_affine, self.curve, other.curve)),
         )
 
 
@@ -153,17 +189,18 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     """Compute rows of torques and squared speeds at xi (M,), without poles.
 
     No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
-    of c; damping is linearised.
+    of c; damping and torque-speed curves are linearised.
 
     Args:
         basis: the functions of xi whose combination is z.
         conditions: rows (k, n) of the conditions on the law, which serve to remove the poles.
     """
     if problem.response is not None:
-        return _rows_of_response(problem.response, problem.specification, basis, xi)
+        return _rows_of_response(problem, problem.response, basis, xi)
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
-    c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
+    z0 = problem.z0 if problem.task.robot.is_damped else None
+    c, cz, cu = required.linearise_damping(None if z0 is None else z0(sigma))
     c = c + required.friction(problem.specification.friction)
 
     # z and u as rows (M, n) on the coefficients of z
@@ -174,11 +211,12 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
         matrix = z.scale(motor_cz) + u.scale(motor_cu)
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
-    return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
+    squared_speed = _squared_speed_rows(required.speed, problem.specification, z)
+    return MotorRows(tuple(torques), squared_speed, _curve_rows(problem, torques, required.speed, z, sigma))
 
 
 def _rows_of_response(
-    response: TorqueResponse, specification: Specification, basis: SpeedBasis, xi: Array
+    problem: LawProblem, response: TorqueResponse, basis: SpeedBasis, xi: Array
 ) -> MotorRows:
     """Compute rows of torques and squared speeds at xi (M,) from a torque response.
 
@@ -188,13 +226,16 @@ def _rows_of_response(
         response: the torques linearised about a motion in balance.
         basis: the functions of xi whose combination is z.
     """
+    specification = problem.specification
     speed = response.speed(xi)
     torque = response.torque(xi)
     slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     motors = range(torque.shape[1])
     torques = tuple(Affine(SparseRows.of(slopes[:, j]), offset[:, j]) for j in motors)
-    return MotorRows(torques, _squared_speed_rows(speed, specification, basis.matrix(xi)))
+    z = basis.matrix(xi)
+    curves = _curve_rows(problem, torques, speed, z, problem.sigma(xi))
+    return MotorRows(torques, _squared_speed_rows(speed, specification, z), curves)
 
 
 def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
@@ -209,6 +250,40 @@ def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRow
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
     return tuple(z.scale(ratio**2) for ratio in ratios.T)
+
+
+def _curve_rows(
+    problem: LawProblem, torques: Sequence[Affine], speed: Array, z: SparseRows, sigma: Array
+) -> tuple[Affine, ...]:
+    """Compute rows (M, n) of (k T + w) / w_0 for motors with a torque-speed curve, T > 0 along w.
+
+    The speed w = |q'| sqrt(z) is concave in z, so that its tangent (w_t + w^2 / w_t) / 2 at any w_t > 0 is no
+    less: laws within the rows are within the curve. w_t is the speed at the squared speed z0. Up to the
+    corner speed the torque limit implies the curve, so that w_t need not be less than that.
+
+    Args:
+        torques: of all motors [N m], affine in the coefficients of z.
+        speed: (M, n_a) of the motors over d sigma/dt.
+        z: rows (M, n) of the squared speed (d sigma/dt)^2.
+        sigma: (M,) of the points.
+    """
+    drives = problem.specification.drives
+    if drives is None:
+        return ()
+    z0 = problem.linearised_about(z, sigma)
+    curves = []
+    for k in np.flatnonzero(drives.curved).tolist():
+        no_load = drives.no_load_speed[k]
+        tangent_at = np.full(len(sigma), FIRST_TANGENT * no_load)
+        if z0 is not None:
+            tangent_at = np.maximum(np.abs(speed[:, k]) * np.sqrt(z0), LEAST_TANGENT * no_load)
+        tangent_at = np.maximum(tangent_at, drives.corner_speed[k])
+        per_torque = drives.per_torque[k] * np.where(speed[:, k] < 0.0, -1.0, 1.0)
+        torque = torques[k]
+        squared_speed = z.scale(0.5 * speed[:, k] ** 2 / (tangent_at * no_load))
+        matrix = torque.matrix.scale(per_torque) + squared_speed
+        curves.append(Affine(matrix, per_torque * torque.offset + 0.5 * tangent_at / no_load))
+    return tuple(curves)
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:

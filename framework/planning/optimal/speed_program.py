@@ -15,6 +15,7 @@ Source of the unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -177,10 +178,16 @@ class SpeedProgram:
     @cached_property
     def fine_quadrature(self) -> tuple[SparseRows, Array]:
         """Rows (F, n) of z on y at fine points, and weights (F,) of integrals over sigma."""
+        xi, weights = self._fine_points
+        return self.basis.matrix(xi), weights
+
+    @cached_property
+    def _fine_points(self) -> tuple[Array, Array]:
+        """The fine points xi (F,), and weights (F,) of integrals over sigma."""
         cells = _subdivide(self.cells, FINE_PARTS)
         counts = np.full(len(cells) - 1, FINE_POINTS)
         xi, weights = _integration_points(self.problem, cells, counts)
-        return self.basis.matrix(xi[1:-1]), weights[1:-1]  # without the ends, whose weights are zero
+        return xi[1:-1], weights[1:-1]  # without the ends, whose weights are zero
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with further rows at xi (R,)."""
@@ -209,6 +216,28 @@ class SpeedProgram:
         squared_speeds = [(rows @ y).max() for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
         return Speed(y, duration, peak, peak_speed, energy, least_duration)
+
+    @property
+    def _slowed_z(self) -> Array:
+        """The squared speed (F,) [1/s^2] at the fine points about which the duration is linearised."""
+        fine_z, _weights = self.fine_quadrature
+        z_0 = self.problem.linearised_about(fine_z, self.problem.sigma(self._fine_points[0]))
+        assert z_0 is not None
+        return z_0 / self.problem.slowness**2
+
+    def squared_torques(self, y: Array) -> Array:
+        """Integrate squared torques (n_a,) [N^2 m^2 s] over time, for the squared speed of coefficients y."""
+        slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
+        torque = np.stack([row(y) for row in self.rows.torque], axis=1)[self._inner_points]
+        return np.asarray((self._inner_weights * slowness) @ torque**2)
+
+    def tangent_gap(self, y: Array) -> float:
+        """Return the share by which the duration of coefficients y exceeds its tangent about z0."""
+        fine_z, weights = self.fine_quadrature
+        z_0 = self._slowed_z
+        z = fine_z @ y
+        tangent = weights @ (1.5 * z_0**-0.5 - 0.5 * z_0**-1.5 * z)
+        return float(1.0 - tangent / (weights @ z**-0.5))
 
     def minimise(
         self,
@@ -258,14 +287,19 @@ class SpeedProgram:
         nonnegative += self._bound_integrals(bounds, units)
         if about is not None:
             nonnegative.append(self._duration_tangent(*about, units))
+        rms_limits = self._rms_limits(goal, bounds)
+        nonnegative += [self._bound_rms(motor, limit, units) for motor, limit in rms_limits.items()]
+        powers = {f"e{motor}": [motor] for motor in rms_limits}  # squared torques in time, by unknown
+        if powered:
+            powers["e"] = list(range(len(self.rows.torque)))
 
         program = ConeProgram(
-            self._sizes(timed=timed, powered=powered),
+            self._sizes(powers, timed=timed),
             self._linear_cost(goal, weights),
             self.curvature if goal == "curvature" else None,
             [_scale_large_rows(conditions)],
             nonnegative,
-            self._cones(units, timed=timed, powered=powered),
+            self._cones(units, powers, timed=timed),
         )
         optimum = solve_cone_program(program, tolerance=tolerance)
         if isinstance(optimum, Unsolved):
@@ -289,24 +323,22 @@ class SpeedProgram:
             highest = np.minimum(highest, (1.0 + problem.trust) * z)
         return lowest, highest
 
-    def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
+    def _sizes(self, powers: Mapping[str, Sequence[int]], *, timed: bool) -> dict[str, int]:
         """Return the number of unknowns of each name.
 
-        Each point has an r, a v if the duration counts, and an e if the energy counts.
+        Each point has an r, a v if the duration counts, and an unknown for each energy that counts.
 
         Args:
+            powers: motors whose torques count for an energy, by the name of its unknowns.
             timed: whether the duration counts.
-            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
-        if timed or powered:
+        if timed or powers:
             sizes["r"] = count
         if timed:
             sizes["v"] = count
-        if powered:
-            sizes["e"] = count
-        return sizes
+        return sizes | dict.fromkeys(powers, count)
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
         """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
@@ -343,6 +375,43 @@ class SpeedProgram:
             rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
         return rows
 
+    def _rms_limits(self, goal: str, bounds: Bounds) -> dict[int, float]:
+        """Return the RMS torque limits that count [N m], by motor.
+
+        Where the time to average over is open, they count from the second law on, which is linearised about
+        the first.
+
+        Args:
+            goal: goal of `minimise`.
+            bounds: whether torque limits hold, and the share of them that may be used.
+        """
+        drives = self.problem.specification.drives
+        if drives is None or goal == "limits" or not bounds.torque_limits:
+            return {}
+        is_first = self.problem.z0 is None and self.problem.response is None
+        is_open = self.problem.averaging_time is None and is_first
+        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit) & (not is_open))
+        return {int(motor): bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
+
+    def _bound_rms(self, motor: int, limit: float, units: Units) -> AffineRows:
+        """Return limit^2 T less the integral of a squared torque, as a row that must not be negative.
+
+        T is the time to average over. The tangent of an open duration, which is no longer, replaces it.
+
+        Args:
+            motor: index of the motor.
+            limit: RMS torque [N m].
+            units: units of the program.
+        """
+        squared_limit = (limit / (self.problem.reference[motor] * units.torque)) ** 2
+        integral = {f"e{motor}": SparseRows.of(-self._inner_weights[None])}
+        time = self.problem.averaging_time
+        if time is not None:
+            return AffineRows(integral, np.array([squared_limit * time / units.time]))
+        tangent = self._tangent_of_duration(self._slowed_z, 0.0, units)
+        parts = {name: matrix * squared_limit for name, matrix in tangent.parts.items()}
+        return AffineRows(parts | integral, squared_limit * tangent.offset)
+
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
         """Return the row T_lin(z) - duration, which must not be negative.
 
@@ -356,8 +425,13 @@ class SpeedProgram:
             duration: the least value of T_lin [s].
             units: units of the program; its unknowns y are in 1 / time^2.
         """
+        fine_z, _weights = self.fine_quadrature
+        return self._tangent_of_duration(fine_z @ y, duration, units)
+
+    def _tangent_of_duration(self, z_0: Array, duration: float, units: Units) -> AffineRows:
+        """Return the row of `_duration_tangent` for z_0 (F,) [1/s^2] at the points of the fine quadrature."""
         fine_z, weights = self.fine_quadrature
-        z_0 = fine_z @ y * units.time**2  # (F,)
+        z_0 = z_0 * units.time**2
         slope = SparseRows.of(((-0.5 * weights * z_0**-1.5) @ fine_z)[None])
         constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
         return AffineRows({"y": slope}, np.array([constant]))
@@ -383,6 +457,10 @@ class SpeedProgram:
             largest = self._largest_torque(motor, goal, bounds, units)
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
+        if bounds.torque_limits and goal != "limits":
+            for matrix, offset in self.rows.curve:
+                curve = AffineRows({"y": -(matrix / units.time**2)}, bounds.share - offset)
+                rows.append(_scale_large_rows(curve))
         for matrix in self.rows.squared_speed:  # of a motor, over its squared limit
             parts = {"y": -(matrix / units.time**2)}
             largest = bounds.share**2
@@ -423,7 +501,9 @@ class SpeedProgram:
         allowed = max(bounds.share * limit, min(holding_torque, limit))
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
 
-    def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
+    def _cones(
+        self, units: Units, powers: Mapping[str, Sequence[int]], *, timed: bool
+    ) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
 
         They are r^2 <= z, v r >= 1 and e r >= |torque|^2. The first is 4 z >= (2 r)^2, that is
@@ -431,25 +511,26 @@ class SpeedProgram:
 
         Args:
             units: units of the program.
+            powers: motors whose torques count for an energy, by the name of its unknowns.
             timed: whether the duration counts.
-            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         identity = SparseRows.identity(count)
         cones: list[list[AffineRows]] = []
-        if timed or powered:
+        if timed or powers:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
             cones.append([*z_plus_and_minus_1, linear_rows(r=2.0 * identity)])
         if timed:
             two = AffineRows({}, np.full(count, 2.0))  # v r >= 1 is 4 v r >= 2^2, as `product_cone` takes it
             cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
-        if powered:
-            inside = self._inner_points
+        inside = self._inner_points
+        torques = self._torques_in_units(units) if powers else []
+        for name, motors in powers.items():
             twice_torque = [
-                AffineRows({"y": 2.0 * torque.parts["y"][inside]}, 2.0 * torque.offset[inside])
-                for torque in self._torques_in_units(units)
+                AffineRows({"y": 2.0 * torques[k].parts["y"][inside]}, 2.0 * torques[k].offset[inside])
+                for k in motors
             ]
-            cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
+            cones.append(product_cone({name: identity}, {"r": identity}, twice_torque))
         return cones
 
 

@@ -1,7 +1,7 @@
 """The best law of an undeformed robot, or of torques linear in the law, or the refusal if there is none.
 
-A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma. Viscous damping is linearised
-about the previous law, until the error of the linearised torque is small.
+A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma. Viscous damping, torque-speed
+curves and RMS torques over an open duration are linearised about the previous law, until errors are small.
 
 A failed search on cells proves nothing. Two bounds of every law do: the torque that holds the robot at rest
 at the ends, and the bound of the peak torque by duality (`peak_bound`). A refusal advises limits and
@@ -20,7 +20,7 @@ from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
 from framework.laws.optimal_law import OptimalLaw, Smoothstep
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
-from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
+from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows, motor_rows
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
 from framework.planning.optimal.optimal_task import (
     Task,
@@ -31,11 +31,13 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
+from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
-from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
+from framework.tolerances import DAMPING_TORQUE_ERROR, DRIVE_SLACK, LIMIT_MARGIN, SMOOTHNESS_COST
 
-MAX_TANGENTS = 20  # linearisations of damping about the previous law
+MAX_TANGENTS = 20  # linearisations about the previous law
+MAX_SLOWER = 4  # times that the law about which a duration is linearised is taken twice as slow
 SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
 MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
 
@@ -63,16 +65,18 @@ def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
         NotConverged: law and damping do not settle together, or the solver gave up.
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
-    result = _settle_damping(problem, points)
+    result = settle_tangents(problem, points)
     if isinstance(result, NoneFound):
         raise refuse_law(result.program.problem, points, result)
     return result
 
 
-def _settle_damping(
+def settle_tangents(
     problem: LawProblem, points: Sequence[SingularPoint], *, enough: float = 0.0
 ) -> Best | NoneFound:
-    """Find the best law, with damping linearised about the law itself.
+    """Find the best law, with damping and the limits of drives linearised about the law itself.
+
+    The rows of drives are inner approximations: each law is within the limits, and the next one is no worse.
 
     The tangent of sqrt(z) at the z0 of a law exceeds sqrt(z). So a problem without a law about one z0 may
     have one about another. The second z0 is that of the law of least peak without limits of torque.
@@ -85,31 +89,57 @@ def _settle_damping(
     Raises:
         NotConverged: law and damping do not settle together.
     """
+    longest = problem.specification.longest
+    has_drives = problem.specification.drives is not None
+    if has_drives and problem.specification.goal == "time" and longest is not None:
+        # inner approximations about other laws may ask for more time than the quickest law
+        result = settle_tangents(problem.with_goal("time", longest=None), points)
+        if isinstance(result, NoneFound) or result.law.duration <= longest:
+            return result
+        resumed = resume_law(result, result.program.problem.with_goal("time", longest=longest))
+        if isinstance(resumed, NoneFound):
+            return NoneFound(resumed.program, f"the quickest found takes {result.law.duration:.4g} s")
+        return resumed
     result = find_best_law(problem)
-    if not problem.task.robot.is_damped:
+    if not problem.is_linearised:
         return result
+    is_damped = problem.task.robot.is_damped
     is_about_least_peak = not problem.specification.limited
     for _ in range(MAX_TANGENTS):
         if isinstance(result, NoneFound):
             if is_about_least_peak:
                 return result
             is_about_least_peak = True
-            result = _settle_damping(_lift_torque_limits(problem), points, enough=1.0 - 2.0 * LIMIT_MARGIN)
+            result = settle_tangents(_lift_torque_limits(problem), points, enough=1.0 - 2.0 * LIMIT_MARGIN)
             if isinstance(result, NoneFound):
                 return result
-            problem = _linearise_damping(problem, points, result.law.squared_speed)
+            problem = _linearise(problem, points, result.law.squared_speed)
             result = find_best_law(problem)
             continue
-        problem = _linearise_damping(problem, points, result.law.squared_speed)
+        last = result
+        counts_all = problem.z0 is not None or problem.averaging_time is not None
+        problem = _linearise(problem, points, result.law.squared_speed)
+        problem = problem._replace(slowness=_rms_excess(result))
         resumed = resume_law(result, problem)
-        if isinstance(resumed, NoneFound):  # search again, without the last law
-            resumed = find_best_law(problem, result.program.cells)
+        for _ in range(1 if problem.averaging_time is not None else MAX_SLOWER):
+            if isinstance(resumed, NoneFound):  # search again, without the last law
+                resumed = find_best_law(problem, last.program.cells)
+                problem = problem._replace(slowness=2.0 * problem.slowness)
         result = resumed
         if isinstance(result, NoneFound):
+            if counts_all and not is_damped:
+                return last
+            continue
+        is_settled = _drive_slack(problem, points, result) <= DRIVE_SLACK
+        if not is_damped:
+            if is_settled:
+                return result
             continue
         error = _tangent_error(problem, result)
-        if error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough:
+        if is_settled and (error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough):
             return result._replace(law=_meet_conditions(problem, points, result.law))
+    if not is_damped:  # the last law is within the limits of drives, and may be slower than needed
+        return result
     raise NotConverged(
         f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes",
         residual=error,
@@ -118,7 +148,8 @@ def _settle_damping(
 
 def _lift_torque_limits(problem: LawProblem) -> LawProblem:
     """Return the problem of least peak torque without limits of torque; the reference stays the same."""
-    return problem.with_goal("peak_torque", torque_limit=np.full_like(problem.reference, np.inf))
+    no_limit = np.full_like(problem.reference, np.inf)
+    return problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
 
 
 def adapt_found_law(
@@ -183,10 +214,45 @@ def solve_problem(
     return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
-def _linearise_damping(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
-    """Return the problem with damping linearised about the squared speed z0 of a law."""
+def _linearise(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
+    """Return the problem with damping and drives linearised about the squared speed z0 of a law."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
+
+
+def _rms_excess(best: Best) -> float:
+    """Return the largest ratio of an RMS torque of a law to its limit; 1 if all are within."""
+    drives = best.program.problem.specification.drives
+    if drives is None:
+        return 1.0
+    squares = best.program.squared_torques(best.speed.y)
+    time = best.program.problem.averaging_time or best.speed.duration
+    return float(np.max(np.sqrt(squares / time) / drives.rms_torque_limit, initial=1.0))
+
+
+def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Best) -> float:
+    """Compute the share of a limit of drives that a law leaves free because it is linearised elsewhere.
+
+    Where a curve is nearly reached, it is the difference of the ratios by the tangent and by the law itself.
+    For RMS torques over an open duration T, it is that of roots of T, of the tangent and of the law.
+
+    Args:
+        problem: the problem that the law solves.
+        points: where condition (8) must hold.
+    """
+    drives = problem.specification.drives
+    if drives is None:
+        return 0.0
+    program, y = best.program, best.speed.y
+    slack = 0.0
+    if problem.averaging_time is None and np.isfinite(drives.rms_torque_limit).any():
+        slack = 0.5 * program.tangent_gap(y)
+    about_itself = _linearise(problem, points, best.law.squared_speed)
+    rows = motor_rows(about_itself, program.basis, program.conditions, program.xi)
+    for curve, own in zip(program.rows.curve, rows.curve, strict=True):
+        ratio = curve(y)[: len(program.xi)]
+        slack = max(slack, np.max((ratio - own(y))[ratio > NEARLY_REACHED], initial=0.0))
+    return slack
 
 
 def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
@@ -225,7 +291,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: 
     """
     space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
-        problem = _linearise_damping(problem, points, law.squared_speed)
+        problem = _linearise(problem, points, law.squared_speed)
         rows = condition_rows(problem, law.basis)
         try:
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
@@ -366,7 +432,7 @@ def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> floa
     """
     if not (problem.specification.limited or problem.specification.limited_speeds):
         return None
-    result = _settle_damping(problem.with_goal("time", duration=None, longest=None), points)
+    result = settle_tangents(problem.with_goal("time", duration=None, longest=None), points)
     return result.law.duration if isinstance(result, Best) else None
 
 
