@@ -75,7 +75,8 @@ def test_the_tip_is_compared_in_metres():
 def test_the_quickest_flip_within_limits():
     plan = plan_crossing(five_bar(), elbows_flipped(), optimize="time", torque_limit=0.165)
     assert plan.duration == pytest.approx(0.936, abs=2e-3)
-    assert simulate(plan).tracking_error < 1e-10
+    # at the default tolerance the integration's own error is 1e-10, through the singular point
+    assert simulate(plan, tolerance=1e-13).tracking_error < 1e-10
 
 
 def test_the_joints_are_chosen_that_make_the_line_regular():
