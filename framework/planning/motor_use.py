@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,84 +13,80 @@ from framework.numerics.arrays import Array
 from framework.planning.refusals import PRINTED_DIGITS, RAISED_RATIO
 from framework.planning.request import PEAK_SAMPLES, Specification, motor_peaks
 
+CURVE = "torque-speed curve"  # the limit of a `MotorUse`
+
 
 class MotorUse(NamedTuple):
     """The largest ratio of a motor to one of its limits.
 
     joint: name of the motor's joint.
     limit: "torque", "speed", "torque-speed curve" or "RMS torque".
-    size: torque, speed or RMS torque with its unit; for a curve the torque, "at" the speed.
-    allowed: largest value of the same, with its unit.
+    size, allowed: torque, speed or RMS torque, and the largest that is allowed, in `unit`; for a curve the
+        torque at `speed`, which else is empty.
     time, s: instant [s] of the largest ratio, and the path coordinate; None for an RMS torque.
     """
 
     joint: str
     limit: str
     ratio: float
-    size: str
-    allowed: str
-    time: float | None
-    s: float | None
+    size: float
+    allowed: float
+    unit: str
+    speed: str = ""
+    time: float | None = None
+    s: float | None = None
+
+    @property
+    def size_text(self) -> str:
+        """The size with its unit, and of a curve its speed."""
+        size, _ = format_distinct(self.size, self.allowed)
+        return f"{size} {self.unit}{self.speed and f' at {self.speed}'}"
 
     @property
     def sentence(self) -> str:
         """The use in words."""
+        _, allowed = format_distinct(self.size, self.allowed)
         if self.time is None:
-            return f"{self.joint} needs an RMS torque of {self.size}, and may {self.allowed}"
+            return f"{self.joint} needs an {self.limit} of {self.size_text}, and may {allowed} {self.unit}"
         return (
-            f"{self.joint} needs {self.size} at t = {self.time:.4g} s, s = {self.s:.4g}, where its "
-            f"{self.limit} allows {self.allowed}"
+            f"{self.joint} needs {self.size_text} at t = {self.time:.4g} s, s = {self.s:.4g}, where its "
+            f"{self.limit} allows {allowed} {self.unit}"
         )
 
 
-def motor_uses(dynamics: InverseDynamics, specification: Specification) -> Iterator[MotorUse]:
-    """Yield the use of each limit of each motor, motor by motor."""
+def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[MotorUse]:
+    """Measure the use of each limit of each motor; limit by limit."""
     robot, drives = dynamics.robot, specification.drives
+    names, units = robot.actuator_names, robot.torque_units
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)
+    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a)
     s = dynamics.law(times)
+    uses = list[MotorUse]()
     peak_torques, peak_speeds = motor_peaks(dynamics)
-    if drives is not None:
-        on_curves = np.abs(drives.curve_ratio(torque, speed))
-        most_on_curves = curve_ratios(dynamics, drives)
-        averages = rms_torques(dynamics, drives.cycle_time)
-    for k, joint in enumerate(robot.actuator_names):
-        torque_unit, speed_unit = robot.torque_units[k], robot.speed_units[k]
-        for limit, peak, largest, values, unit in (
-            ("torque", peak_torques[k], specification.torque_limit[k], torque[:, k], torque_unit),
-            ("speed", peak_speeds[k], specification.speed_limit[k], speed[:, k], speed_unit),
-        ):
-            if np.isfinite(largest):
-                i = int(np.abs(values).argmax())
-                size, allowed = (f"{text} {unit}" for text in format_distinct(peak, largest))
-                yield MotorUse(joint, limit, peak / largest, size, allowed, times[i], float(s[i]))
-        if drives is None:
-            continue
-        if drives.curved[k]:
-            i = int(on_curves[:, k].argmax())
-            allowed_torque = drives.largest_torque(np.abs(speed[i]))[k]
-            size, allowed = format_distinct(abs(torque[i, k]), allowed_torque)
-            place = f"{size} {torque_unit} at {abs(speed[i, k]):.4g} {speed_unit}"
-            yield MotorUse(
-                joint,
-                "torque-speed curve",
-                float(most_on_curves[k]),
-                place,
-                f"{allowed} {torque_unit}",
-                times[i],
-                float(s[i]),
-            )
-        if np.isfinite(drives.rms_torque_limit[k]):
-            size, allowed = format_distinct(averages[k], drives.rms_torque_limit[k])
-            yield MotorUse(
-                joint,
-                "RMS torque",
-                float(averages[k] / drives.rms_torque_limit[k]),
-                f"{size} {torque_unit}",
-                f"{allowed} {torque_unit}",
-                None,
-                None,
-            )
+    for limit, values, peaks, limits, of_limit in (
+        ("torque", torque, peak_torques, specification.torque_limit, units),
+        ("speed", speed, peak_speeds, specification.speed_limit, robot.speed_units),
+    ):
+        for k in np.flatnonzero(np.isfinite(limits)).tolist():
+            peak, largest, i = float(peaks[k]), float(limits[k]), int(np.abs(values[:, k]).argmax())
+            place = float(times[i]), float(s[i])
+            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *place))
+    if drives is None:
+        return uses
+
+    on_curves = np.abs(drives.curve_ratio(torque, speed))  # (T, n_a)
+    ratios = curve_ratios(dynamics, drives)
+    allowed = drives.largest_torque(speed)
+    for k in np.flatnonzero(drives.curved).tolist():
+        i = int(on_curves[:, k].argmax())
+        size, largest, place = abs(float(torque[i, k])), float(allowed[i, k]), (float(times[i]), float(s[i]))
+        at = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
+        uses.append(MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], at, *place))
+    averages = rms_torques(dynamics, drives.cycle_time)
+    for k in np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist():
+        size, largest = float(averages[k]), float(drives.rms_torque_limit[k])
+        uses.append(MotorUse(names[k], "RMS torque", size / largest, size, largest, units[k]))
+    return uses
 
 
 def find_largest_use(dynamics: InverseDynamics, specification: Specification) -> MotorUse | None:

@@ -304,6 +304,7 @@ class PlanOptions:
 
 
 OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(PlanOptions)}
+DEFAULTS: dict[str, Any] = {one.name: one.default for one in fields(PlanOptions)}
 TYPED = {name: option for name, option in OPTIONS.items() if option.typed is not None}
 
 

@@ -19,6 +19,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OptimalLaw
 from framework.model.description import FrameWrench
 from framework.numerics.arrays import Array
+from framework.planning.motor_use import CURVE
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.request import PEAK_SAMPLES, specification_of
 from framework.planning.result import Crossing, CrossingPlan
@@ -89,7 +90,7 @@ def _use_facts(plan: CrossingPlan) -> list[Fact]:
         return []
     by_joint: dict[str, list[str]] = {}
     for use in plan.motor_use:
-        place = f" ({use.size} at t = {use.time:.4g} s)" if use.limit == "torque-speed curve" else ""
+        place = f" ({use.size_text}, t = {use.time:.4g} s)" if use.limit == CURVE else ""
         by_joint.setdefault(use.joint, []).append(f"{100 * use.ratio:.1f} % of its {use.limit}{place}")
     texts = [f"{joint} {', '.join(shares)}" for joint, shares in by_joint.items()]
     return [Fact("" if number else "motors use", text) for number, text in enumerate(texts)]

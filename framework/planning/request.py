@@ -25,7 +25,7 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Smoothstep
 from framework.laws.path import Path, expect_path
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import peak_sizes
-from framework.planning.options import OPTIONS, PlanOptions, takes_options
+from framework.planning.options import DEFAULTS, OPTIONS, PlanOptions, takes_options
 
 DRIVE_OPTIONS = ("corner_speed", "no_load_speed", "rms_torque_limit")  # limits of `DriveLimits`
 MOTOR_LIMITS = ("torque_limit", "speed_limit", *DRIVE_OPTIONS)
@@ -94,7 +94,7 @@ class Request(PlanOptions):
         expect_path(self.path)
         for name, option in OPTIONS.items():
             value = getattr(self, name)
-            is_left_open = value is None and getattr(PlanOptions, name) is None  # None is the default
+            is_left_open = value is None and DEFAULTS[name] is None  # None is the default
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
@@ -224,9 +224,7 @@ class Request(PlanOptions):
         The changed request is made, and where it contradicts itself in other options, their remedy is added.
         None leaves an option out.
         """
-        options = {
-            name: getattr(PlanOptions, name) if value is None else value for name, value in change.items()
-        }
+        options = {name: DEFAULTS[name] if value is None else value for name, value in change.items()}
         try:
             replace(self, **options)
         except InvalidInput as other:

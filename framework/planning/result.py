@@ -236,10 +236,8 @@ class CrossingPlan:
         of_file = replace(self.request, **no_limits, margin=0.0)
         specification = specification_of(self.robot, of_file)
         for use in motor_uses(self.dynamics, specification) if specification.drives is not None else ():
-            if use.ratio > 1.0 and use.time is None:
-                yield use.joint, f"RMS torque {use.size} of {use.allowed}"
-            elif use.ratio > 1.0 and use.limit not in ("torque", "speed"):
-                yield use.joint, f"torque {use.size} of {use.allowed} by its {use.limit} at s = {use.s:.4g}"
+            if use.ratio > 1.0 and use.limit not in ("torque", "speed"):
+                yield use.joint, f"{use.limit}: {use.sentence}"
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield each joint that exceeds a position limit of the URDF, with the excess in words."""
