@@ -77,11 +77,8 @@ class Request(PlanOptions):
                 filled_in[name] = shortest_form(stated)
         request = Request(path=path, **{**options, **filled_in})
         request.external_wrenches.check_frames(robot)
-        drive_limits(
-            robot,
-            limits["torque_limit"],
-            **{name: filled_in[name] for name in DRIVE_OPTIONS if name in filled_in},
-        )
+        drives: dict[str, Any] = {name: filled_in[name] for name in DRIVE_OPTIONS if name in filled_in}
+        drive_limits(robot, limits["torque_limit"], **drives)
         if request.goal == "time" and np.isinf(list(limits.values())).all():
             raise InvalidInput(
                 "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
