@@ -42,7 +42,8 @@ class LawProblem(NamedTuple):
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     z0: the squared speed about which damping and limits of drives are linearised; None leaves damping out.
         With a response, limits of drives are linearised about its z.
-    slowness: factor by which the law is slowed about which a duration is linearised.
+    average_over: time [s] over which squared torques are averaged if the duration is open and no cycle is
+        stated; None leaves RMS limits out.
     sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
     degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
@@ -55,7 +56,7 @@ class LawProblem(NamedTuple):
     crossings: Array
     conditions: Array
     z0: SquaredSpeed | None = None
-    slowness: float = 1.0
+    average_over: float | None = None
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
     degree: int | None = None
@@ -93,7 +94,12 @@ class LawProblem(NamedTuple):
 
     @property
     def averaging_time(self) -> float | None:
-        """The time [s] over which RMS torques are averaged; None for an open duration of the law."""
+        """The time [s] over which squared torques are averaged; None if open, before a law."""
+        return self.stated_time or self.average_over
+
+    @property
+    def stated_time(self) -> float | None:
+        """The time [s] of a cycle or of the motion; None if open."""
         drives = self.specification.drives
         cycle_time = None if drives is None else drives.cycle_time
         return cycle_time or self.specification.duration
@@ -114,8 +120,14 @@ class LawProblem(NamedTuple):
         drives = self.specification.drives
         if drives is None:
             return self.task.robot.is_damped
-        averages = np.isfinite(drives.rms_torque_limit).any() and self.averaging_time is None
-        return bool(self.task.robot.is_damped or drives.curved.any() or averages)
+        return self.task.robot.is_damped or bool(drives.curved.any()) or self.averages_open_duration
+
+    @property
+    def averages_open_duration(self) -> bool:
+        """Whether squared torques are averaged over a duration that is open."""
+        drives = self.specification.drives
+        has_rms = drives is not None and bool(np.isfinite(drives.rms_torque_limit).any())
+        return has_rms and self.stated_time is None
 
     @property
     def crossing_xi(self) -> Array:

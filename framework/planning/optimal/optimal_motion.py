@@ -47,7 +47,6 @@ from framework.planning.optimal.optimal_task import (
     find_crossing_points,
 )
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
-from framework.planning.optimal.phase_plane import SquaredSpeed
 from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.optimal.undeformed_law import (
     adapt_found_law,
@@ -55,6 +54,7 @@ from framework.planning.optimal.undeformed_law import (
     problem_of,
     settle_tangents,
     solve_problem,
+    suggest_time,
 )
 from framework.planning.refusals import PRINTED_DIGITS, LeastLimits, SearchEvidence, StaticFold, advice_of
 from framework.planning.request import limit_excess, motor_peaks
@@ -247,7 +247,7 @@ def _find_motion(task: Task) -> OptimalMotion:
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         sampled = sample_demand(task)
-        return _ElasticSearch(task, task, points, sampled, stages, _first_speed(task, points, sampled)).run()
+        return _ElasticSearch(task, task, points, sampled, stages, _first_law(task, points, sampled)).run()
     best = find_law(task, points)
     for share in RIGID_SHARES:
         try:
@@ -257,18 +257,15 @@ def _find_motion(task: Task) -> OptimalMotion:
     return _certify_law(task, points, best)
 
 
-def _first_speed(
-    task: Task, points: Sequence[SingularPoint], sampled: SampledDemand | None
-) -> SquaredSpeed | None:
-    """Return the squared speed about which limits of drives are linearised first; None without such limits.
+def _first_law(task: Task, points: Sequence[SingularPoint], sampled: SampledDemand | None) -> Best | None:
+    """Return the undeformed law about which limits of drives are linearised first; None without such limits.
 
-    It is that of the undeformed robot's law. First laws of elastic robots leave damping out, so that with
-    damping there is none.
+    First laws of elastic robots leave damping out, so that with damping there is none.
     """
     if task.specification.drives is None or task.robot.is_damped:
         return None
     result = settle_tangents(problem_of(task, points)._replace(sampled=sampled), points)
-    return result.law.squared_speed if isinstance(result, Best) else None
+    return result if isinstance(result, Best) else None
 
 
 def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> OptimalMotion:
@@ -309,7 +306,7 @@ class _ElasticSearch:
     points: the crossing points of the undeformed robot.
     sampled: the demand on the motors of the undeformed robot.
     stages: the stages of laws, those of splines last.
-    first_speed: the squared speed about which limits of drives are linearised before the first motion.
+    first_law: the law about which limits of drives are linearised before the first motion.
     stage: index of the stage of the next law.
     share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
     failures: number of failures since there is a best motion.
@@ -328,7 +325,7 @@ class _ElasticSearch:
     points: Sequence[SingularPoint]
     sampled: SampledDemand | None
     stages: tuple[ElasticStage, ...]
-    first_speed: SquaredSpeed | None = None
+    first_law: Best | None = None
     stage: int = 0
     share: float | None = None
     failures: int = 0
@@ -483,7 +480,12 @@ class _ElasticSearch:
         is_first_series = self.response is None and stage.degree is not None and has_own_limits
         if is_first_series or not has_own_limits:  # other laws are tried next: no explanation is needed yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
-        problem = problem_of(task, self.points, self.speed_places)._replace(z0=self.first_speed)
+        problem = problem_of(task, self.points, self.speed_places)
+        about = self.last_law or self.first_law  # drives are linearised about it
+        if self.first_law is not None:
+            problem = problem._replace(z0=self.first_law.law.squared_speed)
+        if about is not None and problem.averages_open_duration:
+            problem = problem._replace(average_over=suggest_time(about))
         degree = stage.degree if self.response is None else len(self.response.y) - 1
         problem = problem._replace(sampled=self.sampled, response=self.response, degree=degree)
         problem = problem._replace(trust=TRUSTED_SHARES[self.failures])

@@ -178,16 +178,10 @@ class SpeedProgram:
     @cached_property
     def fine_quadrature(self) -> tuple[SparseRows, Array]:
         """Rows (F, n) of z on y at fine points, and weights (F,) of integrals over sigma."""
-        xi, weights = self._fine_points
-        return self.basis.matrix(xi), weights
-
-    @cached_property
-    def _fine_points(self) -> tuple[Array, Array]:
-        """The fine points xi (F,), and weights (F,) of integrals over sigma."""
         cells = _subdivide(self.cells, FINE_PARTS)
         counts = np.full(len(cells) - 1, FINE_POINTS)
         xi, weights = _integration_points(self.problem, cells, counts)
-        return xi[1:-1], weights[1:-1]  # without the ends, whose weights are zero
+        return self.basis.matrix(xi[1:-1]), weights[1:-1]  # without the ends, whose weights are zero
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with further rows at xi (R,)."""
@@ -217,27 +211,11 @@ class SpeedProgram:
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
         return Speed(y, duration, peak, peak_speed, energy, least_duration)
 
-    @property
-    def _slowed_z(self) -> Array:
-        """The squared speed (F,) [1/s^2] at the fine points about which the duration is linearised."""
-        fine_z, _weights = self.fine_quadrature
-        z_0 = self.problem.linearised_about(fine_z, self.problem.sigma(self._fine_points[0]))
-        assert z_0 is not None
-        return z_0 / self.problem.slowness**2
-
     def squared_torques(self, y: Array) -> Array:
         """Integrate squared torques (n_a,) [N^2 m^2 s] over time, for the squared speed of coefficients y."""
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
         torque = np.stack([row(y) for row in self.rows.torque], axis=1)[self._inner_points]
         return np.asarray((self._inner_weights * slowness) @ torque**2)
-
-    def tangent_gap(self, y: Array) -> float:
-        """Return the share by which the duration of coefficients y exceeds its tangent about z0."""
-        fine_z, weights = self.fine_quadrature
-        z_0 = self._slowed_z
-        z = fine_z @ y
-        tangent = weights @ (1.5 * z_0**-0.5 - 0.5 * z_0**-1.5 * z)
-        return float(1.0 - tangent / (weights @ z**-0.5))
 
     def minimise(
         self,
@@ -378,8 +356,7 @@ class SpeedProgram:
     def _rms_limits(self, goal: str, bounds: Bounds) -> dict[int, float]:
         """Return the RMS torque limits that count [N m], by motor.
 
-        Where the time to average over is open, they count from the second law on, which is linearised about
-        the first.
+        Where the duration is open, they count from the second law on, over the time suggested by the first.
 
         Args:
             goal: goal of `minimise`.
@@ -388,29 +365,24 @@ class SpeedProgram:
         drives = self.problem.specification.drives
         if drives is None or goal == "limits" or not bounds.torque_limits:
             return {}
-        is_first = self.problem.z0 is None and self.problem.response is None
-        is_open = self.problem.averaging_time is None and is_first
-        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit) & (not is_open))
+        if self.problem.averaging_time is None:
+            return {}
+        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit))
         return {int(motor): bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
 
     def _bound_rms(self, motor: int, limit: float, units: Units) -> AffineRows:
         """Return limit^2 T less the integral of a squared torque, as a row that must not be negative.
 
-        T is the time to average over. The tangent of an open duration, which is no longer, replaces it.
-
         Args:
             motor: index of the motor.
-            limit: RMS torque [N m].
+            limit: RMS torque [N m] over the time T.
             units: units of the program.
         """
+        time = self.problem.averaging_time
+        assert time is not None
         squared_limit = (limit / (self.problem.reference[motor] * units.torque)) ** 2
         integral = {f"e{motor}": SparseRows.of(-self._inner_weights[None])}
-        time = self.problem.averaging_time
-        if time is not None:
-            return AffineRows(integral, np.array([squared_limit * time / units.time]))
-        tangent = self._tangent_of_duration(self._slowed_z, 0.0, units)
-        parts = {name: matrix * squared_limit for name, matrix in tangent.parts.items()}
-        return AffineRows(parts | integral, squared_limit * tangent.offset)
+        return AffineRows(integral, np.array([squared_limit * time / units.time]))
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
         """Return the row T_lin(z) - duration, which must not be negative.
@@ -425,13 +397,8 @@ class SpeedProgram:
             duration: the least value of T_lin [s].
             units: units of the program; its unknowns y are in 1 / time^2.
         """
-        fine_z, _weights = self.fine_quadrature
-        return self._tangent_of_duration(fine_z @ y, duration, units)
-
-    def _tangent_of_duration(self, z_0: Array, duration: float, units: Units) -> AffineRows:
-        """Return the row of `_duration_tangent` for z_0 (F,) [1/s^2] at the points of the fine quadrature."""
         fine_z, weights = self.fine_quadrature
-        z_0 = z_0 * units.time**2
+        z_0 = fine_z @ y * units.time**2  # (F,)
         slope = SparseRows.of(((-0.5 * weights * z_0**-1.5) @ fine_z)[None])
         constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
         return AffineRows({"y": slope}, np.array([constant]))

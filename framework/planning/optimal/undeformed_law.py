@@ -37,7 +37,6 @@ from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import DAMPING_TORQUE_ERROR, DRIVE_SLACK, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations about the previous law
-MAX_SLOWER = 4  # times that the law about which a duration is linearised is taken twice as slow
 SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
 MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
 
@@ -104,6 +103,7 @@ def settle_tangents(
     if not problem.is_linearised:
         return result
     is_damped = problem.task.robot.is_damped
+    averages = problem.averages_open_duration
     is_about_least_peak = not problem.specification.limited
     for _ in range(MAX_TANGENTS):
         if isinstance(result, NoneFound):
@@ -117,14 +117,13 @@ def settle_tangents(
             result = find_best_law(problem)
             continue
         last = result
-        counts_all = problem.z0 is not None or problem.averaging_time is not None
+        counts_all = not averages or problem.average_over is not None
         problem = _linearise(problem, points, result.law.squared_speed)
-        problem = problem._replace(slowness=_rms_excess(result))
+        if averages:
+            problem = problem._replace(average_over=suggest_time(result))
         resumed = resume_law(result, problem)
-        for _ in range(1 if problem.averaging_time is not None else MAX_SLOWER):
-            if isinstance(resumed, NoneFound):  # search again, without the last law
-                resumed = find_best_law(problem, last.program.cells)
-                problem = problem._replace(slowness=2.0 * problem.slowness)
+        if isinstance(resumed, NoneFound):  # search again, without the last law
+            resumed = find_best_law(problem, result.program.cells)
         result = resumed
         if isinstance(result, NoneFound):
             if counts_all and not is_damped:
@@ -220,21 +219,31 @@ def _linearise(problem: LawProblem, points: Sequence[SingularPoint], z0: Squared
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
 
 
-def _rms_excess(best: Best) -> float:
-    """Return the largest ratio of an RMS torque of a law to its limit; 1 if all are within."""
+def suggest_time(best: Best) -> float:
+    """Return the time [s] over which to average squared torques, by a law of open duration T.
+
+    Inertial torques fall with the square of time: where the largest RMS torque over T is e times its limit, a
+    law within the limit takes about T e^(1/2). At e = 1 this is T. The time is a little shorter, so that the
+    last law takes longer.
+    """
+    duration = best.speed.duration
+    return float((1.0 - 0.5 * DRIVE_SLACK) * duration * np.sqrt(_rms_ratio(best, duration)))
+
+
+def _rms_ratio(best: Best, time: float) -> float:
+    """Return the largest ratio of an RMS torque of a law over a time [s] to its limit."""
     drives = best.program.problem.specification.drives
-    if drives is None:
-        return 1.0
-    squares = best.program.squared_torques(best.speed.y)
-    time = best.program.problem.averaging_time or best.speed.duration
-    return float(np.max(np.sqrt(squares / time) / drives.rms_torque_limit, initial=1.0))
+    assert drives is not None
+    mean_squares = best.program.squared_torques(best.speed.y) / time
+    return float(np.max(np.sqrt(mean_squares) / drives.rms_torque_limit))
 
 
 def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Best) -> float:
     """Compute the share of a limit of drives that a law leaves free because it is linearised elsewhere.
 
     Where a curve is nearly reached, it is the difference of the ratios by the tangent and by the law itself.
-    For RMS torques over an open duration T, it is that of roots of T, of the tangent and of the law.
+    RMS torques over a time that is longer than the law count as not settled; a shorter one leaves a share
+    free if they reach their limits.
 
     Args:
         problem: the problem that the law solves.
@@ -245,8 +254,10 @@ def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Bes
         return 0.0
     program, y = best.program, best.speed.y
     slack = 0.0
-    if problem.averaging_time is None and np.isfinite(drives.rms_torque_limit).any():
-        slack = 0.5 * program.tangent_gap(y)
+    if problem.average_over is not None:
+        missing = 1.0 - problem.average_over / best.speed.duration
+        is_reached = _rms_ratio(best, problem.average_over) > NEARLY_REACHED
+        slack = np.inf if missing < 0.0 and is_reached else 0.5 * missing * is_reached
     about_itself = _linearise(problem, points, best.law.squared_speed)
     rows = motor_rows(about_itself, program.basis, program.conditions, program.xi)
     for curve, own in zip(program.rows.curve, rows.curve, strict=True):
