@@ -92,17 +92,17 @@ def test_a_cart_is_as_quick_as_its_rms_force_allows(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
-def test_the_quickest_law_reaches_the_curve_and_stays_within(flexibility):
+@pytest.mark.parametrize(("flexibility", "reached"), [("rigid", 1e-3), ("flexible_links", 4e-3)])
+def test_the_quickest_law_reaches_the_curve_and_stays_within(flexibility, reached):
     robot = robots.load("five_bar", flexibility=flexibility)
     plan = plan_crossing(robot, LINE, optimize="time", **CURVE)
     assert largest_excess(plan) < 0.0
     torque, speed = torques_and_speeds(plan)
     assert np.max(np.abs(speed)) > 1.5 * CURVE["corner_speed"]
     on_the_slope = np.abs(speed) > 1.1 * CURVE["corner_speed"]
-    assert np.min((largest_torque(speed) - torque * np.sign(speed))[on_the_slope]) < 1e-3 * PAPERS
+    assert np.min((largest_torque(speed) - torque * np.sign(speed))[on_the_slope]) < reached * PAPERS
     uses = {(use.joint, use.limit): use.ratio for use in plan.motor_use}
-    assert 0.999 < uses["left_motor", "torque-speed curve"] <= 1.0
+    assert 1.0 - reached < uses["left_motor", "torque-speed curve"] <= 1.0
 
 
 @pytest.mark.slow
