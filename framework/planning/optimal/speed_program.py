@@ -45,6 +45,7 @@ from framework.tolerances import LIMIT_MARGIN
 POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
 POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
+RMS_TOLERANCE = 1e-6  # of programs with RMS limits, whose squared torques may lie anywhere below loose limits
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 
 
@@ -279,6 +280,8 @@ class SpeedProgram:
             nonnegative,
             self._cones(units, powers, timed=timed),
         )
+        if rms_limits:
+            tolerance = max(tolerance, RMS_TOLERANCE)
         optimum = solve_cone_program(program, tolerance=tolerance)
         if isinstance(optimum, Unsolved):
             return optimum

@@ -332,6 +332,11 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     )
     if problem.response is not None or not problem.task.to_cross.explained:
         return not_found  # torques linearised about another motion prove nothing about limits
+    if problem.specification.drives is not None:  # the least limits below are those without drives
+        problem = problem.with_goal(problem.specification.goal, drives=None)
+        if isinstance(settle_tangents(problem, points), Best):
+            words = "no law of free shape was found within torque-speed curves and RMS torques"
+            return NotConverged(f"{name}: {words}", residual=np.inf)
     holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
