@@ -312,8 +312,10 @@ def identification_lines(identification: Identification, *, everything: bool = F
         lines.append("  other motions     show none of these alone, only sums of parameters, see --all")
     if everything:
         lines.append("  base parameter\tvalue\tdeviation\tfile")
-        rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)
-        lines += ["  {}\t{:.6g}\t{:.2g}\t{:.6g}".format(*row) for row in rows]
+        unseen = ["not shown by these data" * (name in identification.undetermined) for name in base.names]
+        columns = (identification.values, identification.deviations, base.values, unseen)
+        rows = zip(base.names, *columns, strict=True)
+        lines += ["  {}\t{:.6g}\t{:.2g}\t{:.6g}\t{}".format(*row) for row in rows]
     if identification.changed:
         lines.append(f"  off the file      {'; '.join(identification.changed)}")
     return lines

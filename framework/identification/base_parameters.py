@@ -35,7 +35,6 @@ from framework.identification.combinations import (
     Combinations,
     find_combinations,
     format_combination,
-    merge_rows,
 )
 from framework.identification.geometry import elements_by_name
 from framework.kinematics.assembly import MAX_NEWTON_STEP
@@ -215,7 +214,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
         # give all instants the same weight: forces are large near singularities of the inverse kinematics
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2), keepdims=True)
-        sets.append(find_combinations(merge_rows(matrix), described.sizes))
+        sets.append(find_combinations(np.concatenate(matrix), described.sizes))
 
     # the set with the least clear rank decides
     ranks = [combinations.rank for combinations in sets]
@@ -260,21 +259,16 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
-def random_poses(
-    robot: ParallelRobot,
-    count: int,
-    random: np.random.Generator,
-    *,
-    steps: int = 16,  # of every random walk
-    max_steps: int = 36,  # of a walk that has not moved by then, each half as long as the previous one
-    largest_step: float = 0.5,  # [rad, robot lengths] of the platform
-) -> tuple[Array, Array]:
+def random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
     """Draw assembled configurations q (count, nq) and platform coordinates x (count, n).
 
     Each pose is the end of a random walk from the reference. A step is rejected if the loops do not close at
     its end, or if the end is near a singularity. After `steps` steps only walks without an accepted step
     continue, with ever shorter steps.
     """
+    steps = 16  # of every random walk
+    max_steps = 36  # of a walk that has not moved by then, each half as long as the previous one
+    largest_step = 0.5  # [rad, robot lengths] of the platform
     q = np.repeat(robot.reference.q[None], count, axis=0)
     x = np.repeat(robot.reference.x[None], count, axis=0)
     has_moved = np.zeros(count, dtype=bool)
@@ -346,8 +340,11 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     for body, joint in enumerate(parameters.bodies.tolist()):  # pinocchio's joint that carries the body
         for frame in robot.model.frames:
             if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in with_mass:
+                on_body = link_axes(robot.model, joint).inverse() * frame.placement
+                matrix = np.zeros((len(parameters.names), 10))
+                matrix[10 * body : 10 * body + 10] = parameter_transform(on_body)  # from the link's axes
                 frames.append(frame)
-                columns.append(_link_columns(robot, parameters, body, frame))
+                columns.append(matrix)
 
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
@@ -358,18 +355,6 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
         prior_sizes=np.concatenate([*map(_link_sizes, link_values), _motor_prior_sizes(parameters, motors)]),
         to_parameters=np.concatenate([*columns, motor_columns], axis=1),
     )
-
-
-def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, body: int, link: pin.Frame) -> Array:
-    """Return the matrix (p, 10) by which a link adds to the p parameters of bodies and motors.
-
-    The ten parameters of the link, on its own axes, add to the ten of its body after a change of axes. `body`
-    is the index of the body.
-    """
-    matrix = np.zeros((len(parameters.names), 10))
-    pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
-    matrix[10 * body : 10 * body + 10] = parameter_transform(pose_on_body)
-    return matrix
 
 
 def _motor_prior_sizes(parameters: TorqueParameters, motors: slice) -> Array:
@@ -425,7 +410,6 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
-    # links that have changed
     elements = elements_by_name(urdf, "link")
     for name, part in zip(links.links, links.link_slices, strict=True):
         if (values[part] != links.values[part]).any():
@@ -440,24 +424,29 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         properties = joints.get(actuator.joint, JointDynamics())
         joints[actuator.joint] = replace(properties, damping=damping, friction=friction)
     return replace(
-        description,
-        urdf_text=tostring(urdf, encoding="unicode"),
-        actuators=tuple(actuators),
-        joints=joints,
+        description, urdf_text=tostring(urdf, encoding="unicode"), actuators=tuple(actuators), joints=joints
     )
 
 
 def write_inertial(link: Element, parameters: Array) -> None:
-    """Write ten parameters (10,) about a link's origin as its <inertial>.
+    """Write ten parameters (10,) about a link's origin as its <inertial>, about the centre of mass.
 
-    <inertial> is about the centre of mass c. With the second moments S about the origin, those about c are
-    S - m c c'. The inertia is their trace times the identity, minus the second moments.
+    The inertia is the trace of the second moments times the identity, minus the second moments.
     """
-    mass, *first_moments = parameters[:4].tolist()
-    centre = np.array(first_moments) / mass
-    about_centre = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    centre, about_centre = central_moments(parameters)
     moments, axes = np.linalg.eigh(about_centre)
     second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T  # moments are negative only by rounding
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
     remove_children(link, "inertial")
-    link.insert(0, inertial_element(mass, centre, inertia))
+    link.insert(0, inertial_element(float(parameters[0]), centre, inertia))
+
+
+def central_moments(parameters: Array) -> tuple[Array, Array]:
+    """Compute the centres of mass c (..., 3) and second moments about them (..., 3, 3) of (..., 10).
+
+    With the second moments S about the origin, those about c are S - m c c'.
+    """
+    mass = parameters[..., :1]
+    centre = parameters[..., 1:4] / mass
+    outer = mass[..., None] * centre[..., :, None] * centre[..., None, :]
+    return centre, pseudo_inertia(parameters)[..., :3, :3] - outer

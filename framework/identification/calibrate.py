@@ -23,7 +23,6 @@ from framework.identification.combinations import (
     Combinations,
     describe_unseen_direction,
     find_combinations,
-    merge_rows,
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.geometry import (
@@ -170,15 +169,18 @@ def calibrate(
     """
     expect_robot(robot)
     started = clock.perf_counter()
-    noise = noise or {}
-    _check_errors(noise, length_error=length_error, angle_error=angle_error)
+    for name in noise or {}:
+        check_choice("kind of noise", name, NOISE)
+    noises = {**NOISE, **(noise or {})}
+    for name, value in {**noises, "length_error": length_error, "angle_error": angle_error}.items():
+        positive(name, value)
     geometry = parametrise_geometry(robot, joints)
     data = load_recording(robot, data, conversions)
-    measured = select_measurements(geometry, data, {**NOISE, **noise})
+    measured = select_measurements(geometry, data, noises)
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    _refuse_mistaken_columns(geometry, data, {**NOISE, **noise})
+    _refuse_mistaken_columns(geometry, data, noises)
     q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
     geometry = place_fixtures(geometry, measured, q)
     prior = geometry.prior(length_error, angle_error)  # (p,) standard deviations
@@ -189,9 +191,11 @@ def calibrate(
     solver = GaussNewton(geometry, training, training_q, prior)
     solver.run(progress)
     _check_plausible(geometry, solver.values / prior, solver.noise)
-    # what the data determine is examined at the file's geometry
+    # what measurements or loops determine is examined at the file's geometry; the slopes of measurements are
+    # over the noise, those of the loops over LOOP_GAP, which is far smaller
     equations = eliminate_poses(geometry, training, training_q, np.zeros_like(prior))
-    combinations = _find_combinations(equations, training, prior)
+    loop_rows = np.concatenate(equations.loop_slopes) * LOOP_GAP / measured.noise.min()
+    combinations = find_combinations(np.concatenate([*equations.matrix, loop_rows]), prior)
 
     # Huber's weights, below one half; the solver has their square roots
     outliers = np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()
@@ -219,23 +223,17 @@ def calibrate(
     )
 
 
-def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
-    """Raise InvalidInput for unknown kinds of noise, and for noise or errors that are not positive."""
-    for name in noise:
-        check_choice("kind of noise", name, NOISE)
-    for name, value in {**noise, **file_errors}.items():
-        positive(name, value)
-
-
 def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     """Solve the forward kinematics q (T, nq) at the measured motor angles.
 
     Raises:
         NotAssembled: the loops do not close at some of them.
     """
-    stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
-    for refusal in stack.refused.values():
-        raise refusal  # of the first refused instant
+    motors = measured.values[:, : model.n_a]
+    for rows in (motors[:1], motors):  # columns in a wrong unit are refused at the first instant
+        stack = forward_kinematics_stack(model, rows)
+        for refusal in stack.refused.values():
+            raise refusal  # of the first refused instant
     return stack.q
 
 
@@ -249,7 +247,7 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         placed = place_fixtures(geometry, measured, q)
         frames = frames_at(geometry.model, q)
         start = np.zeros(len(placed.names))
-        offset = measurement_offsets(placed, geometry.model, measured, frames, start).offset
+        offset = measurement_offsets(placed, geometry.model, measured, frames, start)[0]
         spread = measured.values.std(axis=0)  # (m,)
         touches = [name.startswith(TOUCH) for name in measured.names]
         spread[touches] = geometry.robot.length  # they are all about zero
@@ -259,20 +257,6 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         return float(squares[0] / squares[1])
 
     refuse_mistaken_columns(data, ("motor_angle", "joint", "platform", "distance"), misfit)
-
-
-def _find_combinations(equations: ParameterEquations, measured: Measurements, prior: Array) -> Combinations:
-    """Find the parameter combinations that measurements or loops determine.
-
-    Args:
-        equations: of the parameters at the T instants of the fit.
-        measured: the measurements, with their noise.
-        prior: (p,) standard deviations of the file's parameters [m, rad].
-    """
-    # the slopes of the data are over the noise; those of the loops over LOOP_GAP, which is far smaller
-    loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()
-    rows = np.concatenate([merge_rows(equations.matrix), merge_rows(loop_rows)])
-    return find_combinations(rows, prior)
 
 
 def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float) -> None:
@@ -319,7 +303,7 @@ def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, valu
             residual=float(poses.linearised.gap[worst]),
         )
     frames = poses.linearised.frames
-    offset = measurement_offsets(geometry, model, measured, frames, values).offset  # (T, m)
+    offset, *_ = measurement_offsets(geometry, model, measured, frames, values)  # (T, m)
     return np.sqrt(np.mean(offset**2, axis=0))
 
 
@@ -367,18 +351,15 @@ def _describe_unseen(
     return tuple(sentences)
 
 
-def _choose_further_poses(
-    solver: GaussNewton,
-    *,
-    count: int = 6,  # as many as an afternoon allows, and more than a leg has unknowns
-    candidates: int = 100,
-) -> FurtherPoses:
+def _choose_further_poses(solver: GaussNewton) -> FurtherPoses:
     """Choose the poses whose measurements add most to those of the fit.
 
     Of random poses within the joints' ranges each one chosen multiplies the determinant of the information
     most: by det(1 + A C A'), where A are its equations and C is the covariance so far (D-optimal design;
     Fedorov, "Theory of Optimal Experiments", 1972).
     """
+    count = 6  # as many as an afternoon allows, and more than a leg has unknowns
+    candidates = 100
     geometry, measured = solver.geometry, solver.measured
     try:
         q, x = random_poses(geometry.model, candidates, np.random.default_rng(0))
@@ -498,8 +479,8 @@ class GaussNewton:
         of the data, weighted by instant; the others are loop equations that no joint can close.
         """
         weights = self.weights[:, None] / self.noise  # (T, 1)
-        data_rows = merge_rows(weights[..., None] * equations.matrix)
-        matrix = np.concatenate([data_rows, merge_rows(equations.loop_slopes)])
+        data_rows = np.concatenate(weights[..., None] * equations.matrix)
+        matrix = np.concatenate([data_rows, np.concatenate(equations.loop_slopes)])
         residual = np.append(weights * equations.residual, equations.loop_residual)
         return matrix * self.prior, residual
 
@@ -521,7 +502,7 @@ class GaussNewton:
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _reweight(self, equations: ParameterEquations, *, huber_ratio: float = 2.0) -> float:
+    def _reweight(self, equations: ParameterEquations) -> float:
         """Set the noise and the weights of the instants from residuals; return the new cost.
 
         The noise is estimated from the median residual. An instant with a residual r above the noise times
@@ -529,6 +510,7 @@ class GaussNewton:
         Mathematical Statistics 35, 1964). `weights` are the square roots of Huber's weights, because they
         multiply residuals.
         """
+        huber_ratio = 2.0
         residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
         self.weights = np.sqrt(
@@ -536,16 +518,12 @@ class GaussNewton:
         )
         return self._cost(equations, self.values)
 
-    def _estimate_deviations(
-        self,
-        equations: ParameterEquations,
-        *,
-        width: float = 3.0,  # number of standard deviations for which intervals are widened by Student's t
-    ) -> None:
+    def _estimate_deviations(self, equations: ParameterEquations) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
         If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
         """
+        width = 3.0  # number of standard deviations for which intervals are widened by Student's t
         from scipy.special import ndtr, stdtrit  # slow to import
 
         residual = self.weights[:, None] * equations.residual
@@ -560,13 +538,7 @@ class GaussNewton:
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
 
-    def _estimate_noise(
-        self,
-        equations: ParameterEquations,
-        residual: float,
-        *,
-        least_noise: float = 1e-3,  # share of the assumed noise
-    ) -> None:
+    def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
         `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines
@@ -576,6 +548,7 @@ class GaussNewton:
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
         the noise is the assumed noise, s = 1. Residuals below `least_noise` count as rounding.
         """
+        least_noise = 1e-3  # share of the assumed noise
         count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)
 
@@ -610,9 +583,9 @@ class GaussNewton:
         """
         p = len(self.prior)
         # zero rows complete w and V if there are fewer loop equations than parameters
-        L_D = np.concatenate([merge_rows(equations.loop_slopes) * self.prior, np.zeros((p, p))])
+        L_D = np.concatenate([np.concatenate(equations.loop_slopes) * self.prior, np.zeros((p, p))])
         triangle = np.linalg.qr(L_D, mode="r")  # (p, p) with the same w and V
         _, w, V_transposed = np.linalg.svd(triangle)
-        A_D = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
+        A_D = np.concatenate(self.weights[:, None, None] * equations.matrix) * self.prior
         A_S = A_D @ V_transposed.T / np.sqrt(1.0 + w**2)
         return np.linalg.eigvalsh(A_S.T @ A_S).clip(0.0)  # negative only by rounding

@@ -156,8 +156,3 @@ def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
             kind = "difference" if change_1 * change_2 > 0 else "sum"
             return f"{' and '.join(changed_names)} only as their {kind}"
     return f"no change by {format_combination(names, direction)}"
-
-
-def merge_rows(stack: Array) -> Array:
-    """Merge a stack (T, m, p) into one matrix (T m, p)."""
-    return stack.reshape(-1, stack.shape[2])

@@ -31,7 +31,7 @@ from framework.identification.base_parameters import (
     gravity_scale,
     parameter_regressor,
 )
-from framework.identification.combinations import find_combinations, merge_rows
+from framework.identification.combinations import find_combinations
 from framework.identification.identify import Identification, IdentifiedQuantity, free_parameters, identify
 from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
@@ -205,8 +205,9 @@ def excite(
         acceleration=acceleration,
         clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
     )
-    found = _search(design, limits, trials, np.random.default_rng(seed), progress)
-    motion = _complete(design, limits, found.z, found.q, sensors.rate)
+    random = np.random.default_rng(seed)
+    z, q, first_cost, cost = _search(design, limits, trials, random, progress)
+    motion = _complete(design, limits, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
     return Excitation(
@@ -216,7 +217,7 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
-        improvement=float(np.exp(found.first_cost - found.cost)),
+        improvement=float(np.exp(first_cost - cost)),
         trials=trials,
     )
 
@@ -340,18 +341,9 @@ class _Design:
     def cost(self, motion: PeriodicMotion) -> float:
         """Compute the mean logarithm of the parameters' deviations over their sizes, at most 0."""
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
-        W = merge_rows(motion.rows @ self.columns / noise[:, None])
+        W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
         R = np.linalg.qr(np.concatenate([W, np.eye(W.shape[1])]), mode="r")
         return float(np.mean(np.log(np.linalg.norm(np.linalg.inv(R), axis=1))))
-
-
-class _Found(NamedTuple):
-    """The result of a search."""
-
-    z: Array  # (K, n)
-    q: Array  # (INSTANTS, nq) poses
-    first_cost: float
-    cost: float
 
 
 def _search(
@@ -360,8 +352,12 @@ def _search(
     trials: int,
     random: np.random.Generator,
     progress: Callable[[float], None],
-) -> _Found:
-    """Search the motion z (K, n) of least cost by an evolution strategy."""
+) -> tuple[Array, Array, float, float]:
+    """Search the motion of least cost by an evolution strategy.
+
+    Returns:
+        z (K, n); the poses (INSTANTS, nq); the costs of the first motion and of this one.
+    """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
     largest_step = 0.05
@@ -396,7 +392,7 @@ def _search(
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-    return _Found(z, best.q, first_cost, cost)
+    return z, best.q, first_cost, cost
 
 
 def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:

@@ -20,18 +20,19 @@ from warnings import warn
 
 import numpy as np
 
-from framework.dynamics.body_parameters import INERTIAL, pseudo_inertia
+from framework.dynamics.body_parameters import INERTIAL
 from framework.errors import InvalidInput, NotIdentified, check_choice
 from framework.identification.base_parameters import (
     OF_MOTORS,
     BaseParameters,
     LinkParameters,
     base_parameters,
+    central_moments,
     collect_link_parameters,
     with_masses_and_motors,
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
-from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
+from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate, prior_root
 from framework.identification.measured_motion import measured_motion
 from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
@@ -46,7 +47,6 @@ from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import BETTER_DEVIATIONS, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 GROUPS = ("payload", "friction", "rotor")  # parameters that may be asked for by these names
-UNDETERMINED_SPREAD = 1e-3  # of a combination that stays at the file's value, over its deviation or size
 BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
 
@@ -76,11 +76,12 @@ class Identification(ReadOnlyArrays):
 
     Attributes:
         base: the base parameters of the robot.
-        values, deviations: (rank,) base parameters estimated from the data alone, and their standard
-            deviations; those of parameters that these data do not show are their sizes. Parameters that were
-            not asked for keep the file's values, with the deviation 0.
-        parameters: (p,) values of `base.parameters` that physically possible bodies can have. Those that the
-            data do not determine stay at the file's values; the prior about the file decides the rest.
+        values, deviations: (rank,) base parameters estimated from the data, with a prior about the file, and
+            their standard deviations. Parameters that were not asked for keep the file's values, with the
+            deviation 0.
+        determined: (rank,) whether the data rather than the prior decide a base parameter.
+        parameters: (p,) the most probable values of `base.parameters` that bodies can have, by the data and
+            a prior about the file. Those that the data do not show stay at the file's values.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
         predictions: of the torques held out, the twin's first.
         noise: (n_a,) root mean square residual of the motor torques [N m, N].
@@ -91,6 +92,7 @@ class Identification(ReadOnlyArrays):
     base: BaseParameters
     values: Array
     deviations: Array
+    determined: BoolArray
     parameters: Array
     links: LinkParameters
     link_values: Array
@@ -110,8 +112,9 @@ class Identification(ReadOnlyArrays):
 
     @property
     def undetermined(self) -> Names:
-        """Names of base parameters whose standard deviation exceeds their size."""
-        return self._base_names(_mask_undetermined(self.base, self.values, self.deviations))
+        """Names of base parameters that the prior decides, or with deviations above their values."""
+        sizes = np.maximum(np.abs(self.values), np.abs(self.base.values))
+        return self._base_names(~self.determined | (self.deviations > sizes))
 
     @property
     def keeps_file(self) -> bool:
@@ -201,17 +204,6 @@ class Identification(ReadOnlyArrays):
         motors = self.robot.actuator_names
         keys = ("name", "value", "standard_deviation", "file")
         columns = (self.base.names, self.values, self.deviations, self.base.values)
-        others = (
-            "cutoff",
-            "poses",
-            "motor_misfit",
-            "instants",
-            "period",
-            "jitter",
-            "equations",
-            "order",
-            "seconds",
-        )
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.base, "rank", "gap", "certain"),
@@ -227,7 +219,8 @@ class Identification(ReadOnlyArrays):
                 for prediction in self.predictions
             },
             "noise": dict(zip(motors, self.noise, strict=True)),
-            **select_fields(self, *others),
+            **select_fields(self, "cutoff", "poses", "motor_misfit", "instants", "period", "jitter"),
+            **select_fields(self, "equations", "order", "seconds"),
         }
         return plain(document)
 
@@ -295,33 +288,27 @@ def identify(
         other = measured_motion(
             robot, load_recording(robot, held_out, conversions), cutoff=cutoff, poses=poses, start=start
         )
-        test = torque_rows(robot, other, base)
+        test = torque_rows(robot, other, base, exact_motion=True)
 
     # the base parameters, then bodies that can exist
     by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (rank, f)
+    design = by_links if only else np.eye(base.rank)
+    fit = estimate(rows, design, base.values, errors=errors)
     if only:
-        fit = estimate(rows, by_links, base.values, errors=errors)
-        possible = fit_possible_parameters(robot, links, free, fit.root, fit.right, prior)
-        values = base.values + by_links @ (possible.values - links.values)[free]
-        deviations = np.sqrt(np.vecdot(by_links @ possible.covariance[np.ix_(free, free)], by_links))
+        root = fit.root
+        solution = fit.solve(prior * np.diag(links.prior_sizes[free]), by_links)
     else:
-        fit = estimate(rows, np.eye(base.rank), base.values, errors=errors)
-        sizes = base.described.sizes[base.combinations.leading]
-        change, deviations = fit.solve(sizes)
-        values = base.values + change
-        # where the data may be off by more than the parameter's size, the file is the better estimate
-        spread = UNDETERMINED_SPREAD * np.minimum(deviations, sizes)
-        stays = _choose_unchanged(base, fit, sizes)
-        constant = by_links[stays] / spread[stays, None]
         root = fit.root @ by_links
-        possible = fit_possible_parameters(robot, links, free, root, fit.right, prior, constant=constant)
+        solution = fit.solve(prior_root(base, links, prior))
+    possible = fit_possible_parameters(robot, links, free, root, fit.right, prior)
     parameters = base.described.values + links.to_parameters @ (possible.values - links.values)
     twin = base.combinations.coefficients @ parameters  # (rank,) base parameters
     return Identification(
         robot=robot,
         base=base,
-        values=values,
-        deviations=deviations,
+        values=base.values + solution.values,
+        deviations=solution.deviations,
+        determined=solution.determined,
         parameters=parameters,
         links=links,
         link_values=possible.values,
@@ -339,31 +326,6 @@ def identify(
         order=fit.order,
         seconds=clock.perf_counter() - started,
     )
-
-
-def _mask_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
-    """Return a mask (rank,) of base parameters whose deviations exceed estimates and the file's values."""
-    return deviations > np.maximum(np.abs(values), np.abs(base.values))
-
-
-def _choose_unchanged(base: BaseParameters, fit: Estimate, sizes: Array) -> BoolArray:
-    """Return a mask (rank,) of base parameters that stay at the file's values, by backward elimination.
-
-    The least determined one is left at the file's value, and the others are estimated again, until all are
-    determined. So of parameters that data show only together one remains free. A free parameter must reduce
-    the squared misfit by more than twice the noise's variance (Akaike 1974).
-    """
-    stays = np.zeros(base.rank, dtype=bool)
-    while not stays.all():
-        rest = np.flatnonzero(~stays)
-        change, deviations = fit._replace(root=fit.root[:, rest]).solve(sizes[rest])
-        size = np.maximum(np.abs(base.values[rest] + change), np.abs(base.values[rest]))
-        ratio = deviations / np.maximum(size, LEAST_DIVISOR)
-        worst = int(np.argmax(ratio))
-        if ratio[worst] <= np.sqrt(0.5):
-            break
-        stays[rest[worst]] = True
-    return stays
 
 
 def _mask_held_out(times: Array) -> BoolArray:
@@ -467,7 +429,7 @@ def _compare(
     columns = base.combinations.coefficients[:, is_friction]
     bare = rows._replace(constant=np.zeros_like(rows.constant))
     friction = estimate(bare, columns, np.zeros(base.rank), errors=errors)
-    by_friction = columns @ friction.solve(base.described.sizes[is_friction])[0]
+    by_friction = columns @ friction.solve(np.diag(base.described.sizes[is_friction])).values
     models["friction alone"] = test.torque - test.matrix @ by_friction - friction.offset
     if tuple(only) != ("payload",):
         with suppress(InvalidInput):  # the platform has no mass
@@ -546,12 +508,12 @@ def _describe(
         units = ("kg m^2", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
         table += zip([f"{joint}.{name}" for name in OF_MOTORS], units, strict=True)
 
-    is_free = np.isin(np.arange(len(table)), free)
-    allowed = prior * links.prior_sizes * is_free  # (u,) deviations
+    allowed = np.zeros(len(table))  # (u,) deviations
+    allowed[free] = prior * links.prior_sizes[free]
     values = _body_quantities(links, possible.values)
     steps = 1e-6 * links.prior_sizes + np.finfo(float).tiny
-    moved = [_body_quantities(links, possible.values + step) for step in np.diag(steps)]
-    J = (np.stack(moved, axis=1) - values[:, None]) / steps  # (u, u)
+    changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
+    J = changes.T / steps  # (u, u)
     deviations = np.sqrt(np.vecdot(J @ possible.covariance, J))
     by_prior = np.linalg.norm(J * allowed, axis=1)
     in_file = _body_quantities(links, links.values)
@@ -569,15 +531,13 @@ def _describe(
 
 
 def _body_quantities(links: LinkParameters, parameters: Array) -> Array:
-    """Return mass, centre and inertia about the centre (10,) of each link, then motor parameters, (u,)."""
-    quantities = parameters.copy()
-    for part in links.link_slices:
-        mass = parameters[part][0]
-        centre = parameters[part][1:4] / mass
-        about_centre = pseudo_inertia(parameters[part])[:3, :3] - mass * np.outer(centre, centre)
-        inertia = np.trace(about_centre) * np.eye(3) - about_centre
-        quantities[part] = [mass, *centre, *inertia[np.tril_indices(3)]]
-    return quantities
+    """Return mass, centre and inertia about the centre of each link, then motor parameters, (..., u)."""
+    bodies = parameters[..., : links.motor_slice.start].reshape(*parameters.shape[:-1], len(links.links), 10)
+    centre, moments = central_moments(bodies)  # (..., links, 3), (..., links, 3, 3)
+    inertia = np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
+    quantities = [bodies[..., :1], centre, inertia[..., *np.tril_indices(3)]]
+    of_bodies = np.concatenate(quantities, axis=-1).reshape(*parameters.shape[:-1], -1)
+    return np.concatenate([of_bodies, parameters[..., links.motor_slice]], axis=-1)
 
 
 # ------------------------------------------------------------------ mistaken columns
@@ -612,7 +572,7 @@ def _refuse_mistaken_columns(
         rows = known.get(moving)
         if rows is None or robot.n_a > robot.n:
             measured = measured_motion(robot, recording, poses=poses, start=start, stride=stride)
-            rows = torque_rows(robot, measured, base)
+            rows = torque_rows(robot, measured, base, exact_motion=True)
             known[moving] = rows
         rows = rows._replace(torque=recording.columns("torque", robot.actuator_names)[::stride])
         if rows.valid.mean() < min_moving:

@@ -1,33 +1,41 @@
-"""Weighted least squares of the torque equations, with the covariance of their own noise.
+"""Least squares of the torque equations, with the covariance of all noise.
 
 The noise of a motor is an autoregressive process, n(t) = sum of phi_k n(t - k) + e(t) with white e. Quantised
 currents, ripple, filters of the drive and what the model leaves out make it coloured. The residuals of a fit
 give phi and the variance of e; equations filtered by 1 - sum of phi_k z^-k have white noise, and are solved
 again (feasible generalised least squares; Cochrane and Orcutt 1949). The order has the least Bayesian
-information criterion (Schwarz 1978). Errors of the motion reach several motors at once: the inverse Cholesky
-factor of the correlation of the white noise between motors makes their equations independent.
+information criterion (Schwarz 1978). The inverse Cholesky factor of the correlation of the white noise
+between motors makes their equations independent.
 
-Noise of the motion adds its own information E' E to the information A' A of rows A, and pulls parameters
-towards zero where its share is large. With A = Q R and the singular values e and right vectors V of E R^-1,
-the corrected equations are diag(1 - e^2) V' R parameters = V' (Q' b), without those that are half noise or
-more (moments of errors in variables; Fuller, "Measurement Error Models", 1987, section 2.2).
+Errors of the motion are unknowns too. The coefficients of its splines have errors z, with the information
+that the angles give. They reach all torques of several knots, by the torques' derivatives with respect to
+accelerations (those of rates and positions are smaller, by the time between knots). The equations are
+evaluated at the corrected motion, and z is eliminated (Gauss-Newton steps of a nonlinear model with errors in
+variables; Fuller, "Measurement Error Models", 1987, section 3.2). The mean of z would take noise of the
+motors too, so that their noise is what z leaves that is drawn from its distribution.
 
-Errors of the torque sensors that are constant through a recording are unknowns too, with normal priors:
-a share of each torque (`scale`), an offset, and a delay of all torques. QR of the filtered equations with the
-columns of these errors first eliminates the errors: R of the other columns is the root of their information.
+The corrected motion still has errors, whose rows E add their own information E' E to the information A' A of
+rows A. With A = Q R and the singular values e and right vectors V of E R^-1, the corrected equations are
+diag(1 - e^2) V' R parameters = V' (Q' b), without those that are half noise or more.
+
+Errors of the torque sensors that are constant through a recording are unknowns with normal priors: a share of
+each torque (`scale`), an offset, and a delay of all torques. QR of the equations with the columns of these
+errors first eliminates the errors: R of the other columns is the root of their information.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from framework.errors import InvalidInput
+from framework.identification.base_parameters import BaseParameters, LinkParameters
 from framework.identification.torque_rows import TorqueRows
 from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.splines import banded_rows
 from framework.tolerances import RANK_ROUNDING
 
 SENSOR_ERRORS = {"scale": 0.005, "offset": 0.0, "delay": 0.0}
@@ -41,22 +49,55 @@ class Estimate(NamedTuple):
 
     root: Array  # (f, f) upper triangular; root' root is the information
     right: Array  # (f,)
-    noise: Array  # (n_a,) root mean square of the residuals [N m, N]
+    noise: Array  # (n_a,) root mean square of the residuals at the recorded motion [N m, N]
     offset: Array  # (n_a,) of the torques [N m, N]
     order: int  # largest one of the autoregressive processes
     equations: int  # number of equations
 
-    def solve(self, sizes: Array) -> tuple[Array, Array]:
-        """Solve for values and standard deviations (f,) of parameters of typical `sizes` (f,).
+    def solve(self, prior_root: Array, outputs: Array | None = None) -> Solution:
+        """Solve for `outputs` (o, f) @ parameters, by default the parameters, with a prior L L' about 0."""
+        S = posterior_root(self.root, prior_root)  # (f, w)
+        outputs = S if outputs is None else outputs @ S  # (o, w)
+        gain = outputs @ (self.root @ S).T  # (o, f) by which the noise of `right` is multiplied
+        noise = np.linalg.norm(gain, axis=1)
+        return Solution(gain @ self.right, np.linalg.norm(outputs, axis=1), noise)
 
-        Directions that the data do not determine remain zero, and may be off by the sizes.
-        """
-        U, sigma, V_rows = np.linalg.svd(self.root * sizes, full_matrices=False)
-        is_seen = sigma > RANK_ROUNDING * sigma.max(initial=0.0)
-        inverse = V_rows[is_seen].T / sigma[is_seen]  # (f, seen)
-        values = sizes * (inverse @ (U.T @ self.right)[is_seen])
-        unseen = V_rows[~is_seen].T  # (f, unseen) unit vectors
-        return values, sizes * np.linalg.norm(np.hstack([inverse, unseen]), axis=1)
+
+class Solution(NamedTuple):
+    """Estimates of o quantities."""
+
+    values: Array  # (o,)
+    deviations: Array  # (o,) standard deviations
+    noise: Array  # (o,) their part by the noise of the data
+
+    @property
+    def determined(self) -> BoolArray:
+        """Whether (o,) the data decide: their noise is more of the variance than what the prior leaves."""
+        return 2.0 * self.noise**2 > self.deviations**2
+
+
+def posterior_root(root: Array, prior_root: Array) -> Array:
+    """Compute S (f, w), where S S' is the covariance of parameters by data and prior.
+
+    The data have the information `root`' `root`, and the prior the covariance L L' of `prior_root` L (f, w).
+    With root L = U s V' this is S = L V / sqrt(1 + s^2).
+    """
+    _, s, V_rows = np.linalg.svd(root @ prior_root, full_matrices=True)
+    squares = np.zeros(len(V_rows))
+    squares[: len(s)] = s**2
+    return prior_root @ V_rows.T / np.sqrt(1.0 + squares)
+
+
+def prior_root(base: BaseParameters, links: LinkParameters, prior: float) -> Array:
+    """Compute L (rank, w), where L L' is the covariance of the base parameters about the file's values.
+
+    Links and motors have deviations of `prior` times their sizes. What these leave exactly zero, such as
+    moments of point masses, may still be a small share of a typical size of this robot.
+    """
+    least_share = 1e-3
+    by_links = base.combinations.coefficients @ links.to_parameters  # (rank, u)
+    least = np.diag(least_share * base.described.sizes[base.combinations.leading])
+    return prior * np.hstack([by_links * links.prior_sizes, least])
 
 
 def estimate(
@@ -76,55 +117,144 @@ def estimate(
     Raises:
         InvalidInput: fewer equations than parameters.
     """
-    passes = 4  # of weighting by the residuals of the solution before
+    min_passes, max_passes = 3, 12  # each with the noise that the solution before leaves
+    converged = 0.1  # length of a step of all parameters, in standard deviations
     count = int(np.count_nonzero(rows.valid))
-    if count <= design.shape[1]:
+    f = design.shape[1]
+    if count <= f:
         raise InvalidInput(
-            f"{count} equations at instants whose motors move, for {design.shape[1]} parameters; record "
-            f"longer, or a faster motion"
+            f"{count} equations at instants whose motors move, for {f} parameters; record longer, or a "
+            f"faster motion"
         )
-    matrix = rows.matrix @ design  # (T, n_a, f)
-    noise_matrix = rows.matrix_noise @ design  # (T, n_a, f)
-    expected = rows.constant + rows.matrix @ start  # (T, n_a) torque where the parameters are zero
-    misfit = rows.torque - expected
-    f = matrix.shape[2]
-    motors = range(misfit.shape[1])
-    noise_filters = [np.ones(1) for _ in motors]
-    unmix = np.eye(len(motors))
-    weights = np.ones_like(misfit)  # (T, n_a)
+    T, n_a = rows.torque.shape
+    motion = _MotionErrors.of(rows)
+    augmented = np.column_stack([start, design])  # (r, 1 + f)
+    unknowns = np.eye(1 + f)[0]  # beta = augmented @ unknowns: 1, then the parameters
+    matrix = rows.matrix @ augmented  # (T, n_a, 1 + f)
+    response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, k, 1 + f)
     predicted = rows.torque
-    for k in range(passes):
-        sensors, deviations = _sensor_columns(rows, predicted, errors if k else {})
-        s = sensors.shape[2]
-        columns = np.concatenate([noise_matrix, sensors, matrix, misfit[..., None]], axis=2)
-        columns *= np.sqrt(rows.independent) * weights[..., None]
-        white = _whiten(columns, rows.valid, noise_filters, unmix)
-        E, A_and_b = np.split(white, [f], axis=1)
-        prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, f + 1))])
-        R = np.asarray(np.linalg.qr(np.concatenate([prior, A_and_b]), mode="r"))
-        root, right = _remove_noise(R[s:-1, s:-1], R[s:-1, -1], E)
+    corrections = draw = np.zeros(motion.angles.shape[1])  # (k m,) errors z, and the rest that is drawn
+    # at first noise as large as the torques, so that errors of sensors and motion explain nothing
+    noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
+    unmix = np.eye(n_a)
+    for k in range(max_passes):
+        # the equations at the corrected motion, with all errors
+        corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + f)
+        spurious = motion.change(response, draw)[..., 1:]
+        sensors, deviations = _sensor_columns(rows, predicted, errors)
+        misfit = rows.torque - rows.constant - matrix @ unknowns
+        columns = np.concatenate([spurious, sensors, corrected[..., 1:], misfit[..., None]], axis=2)
+        slopes = motion.torques(response @ unknowns)  # (T n_a, m k)
+        whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
+        reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
+        step = _solve_equations(reduced.rows, f, deviations)
 
-        # the noise is what this solution leaves, with that of the motion
-        lengths = np.linalg.norm(R[:, s:-1], axis=0)
-        lengths[lengths == 0.0] = 1.0
-        solution = np.linalg.lstsq(root / lengths, right, rcond=RANK_ROUNDING)[0] / lengths
-        of_sensors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ solution)
-        predicted = expected + matrix @ solution
-        residual = rows.torque - predicted - sensors @ of_sensors  # (T, n_a)
-        if k < passes - 1:
-            weights = _weights(residual, rows)
-            series = zip((weights * residual).T, rows.valid.T, strict=True)
-            noise_filters = [_noise_filter(*motor) for motor in series]
-            if rows.independent == 1.0:  # else motors repeat one another
-                unmix = _unmixing(weights * residual, rows.valid, noise_filters)
-    offset = of_sensors[s - len(motors) :] if errors.get("offset") else np.zeros(len(motors))
-    noise = np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1))
-    order = max(map(len, noise_filters)) - 1
-    return Estimate(root, right, noise, offset, order, count)
+        # the noise is what this solution leaves
+        right = step.right + step.root @ unknowns[1:]
+        unknowns = unknowns + np.append(0.0, step.parameters)
+        predicted = rows.constant + matrix @ unknowns
+        corrections = reduced.corrections @ np.r_[np.zeros(f), -step.sensors, -step.parameters, 1.0]
+        draw = reduced.draw
+        residual = misfit - sensors @ step.sensors - corrected[..., 1:] @ step.parameters  # (T, n_a)
+        noise = residual - (slopes @ (corrections + draw)).reshape(T, n_a)
+        noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
+        if rows.independent == 1.0:  # else motors repeat one another
+            unmix = _unmixing(noise, rows.valid, noise_filters)
+        if k + 1 >= min_passes and np.linalg.norm(step.root @ step.parameters) < converged:
+            break
+    return Estimate(
+        root=step.root,
+        right=right,
+        noise=np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1)),
+        offset=step.sensors[len(step.sensors) - n_a :] if errors.get("offset") else np.zeros(n_a),
+        order=max(map(len, noise_filters)) - 1,
+        equations=count,
+    )
+
+
+class _Step(NamedTuple):
+    """Solution of the equations root @ parameters = right with unit noise."""
+
+    root: Array  # (f, f)
+    right: Array  # (f,)
+    parameters: Array  # (f,) shortest one, over the lengths of the columns
+    sensors: Array  # (s,) errors
+
+
+def _solve_equations(rows: Array, f: int, deviations: Array) -> _Step:
+    """Solve equations with independent unit noise for the errors of sensors and f parameters.
+
+    Args:
+        rows: (N, f + s + f + 1) spurious derivatives by the parameters, derivatives by errors of sensors and
+            by the parameters, and the right side.
+        deviations: (s,) of the sensors' errors, whose mean is 0.
+    """
+    s = len(deviations)
+    E, A_and_b = np.split(rows, [f], axis=1)
+    prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, f + 1))])
+    R = np.asarray(np.linalg.qr(np.concatenate([prior, A_and_b]), mode="r"))
+    root, right = _remove_noise(R[s:-1, s:-1], R[s:-1, -1], E)
+    lengths = np.linalg.norm(R[:, s:-1], axis=0)
+    lengths[lengths == 0.0] = 1.0
+    parameters = np.linalg.lstsq(root / lengths, right, rcond=RANK_ROUNDING)[0] / lengths
+    sensors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ parameters)
+    return _Step(root, right, parameters, sensors)
+
+
+class _Reduced(NamedTuple):
+    """Equations without the errors z: |rows x| is the least of the misfit of c columns x over z."""
+
+    rows: Array  # (N + T k, c)
+    corrections: Array  # (m k, c) the z of the least, for each column
+    draw: Array  # (m k,) another z minus that of the least, drawn from its distribution
+
+
+class _MotionErrors(NamedTuple):
+    """Errors z (m k,) of the splines, those of one coefficient of all k signals beside one another."""
+
+    angles: Any  # (T k, m k) sparse, signals over their noise by z
+    accelerations: Any  # (T k, m k) sparse, by z
+
+    @staticmethod
+    def of(rows: TorqueRows) -> _MotionErrors:
+        """Take the errors of the signals of `rows`."""
+        from scipy.sparse import diags_array, eye_array, kron
+
+        values, accelerations, noise = rows.errors
+        return _MotionErrors(
+            kron(values, eye_array(len(noise)), format="csr"),
+            kron(accelerations, diags_array(noise), format="csr"),
+        )
+
+    def change(self, response: Array, z: Array) -> Array:
+        """Compute the change (T, n_a, c) of equations with a response (T, n_a, k, c) to accelerations."""
+        accelerations = (self.accelerations @ z).reshape(len(response), -1)  # (T, k)
+        return np.einsum("tjkc,tk->tjc", response, accelerations)
+
+    def torques(self, slopes: Array) -> Any:
+        """Return derivatives (T n_a, m k) of the torques, by those of the accelerations (T, n_a, k)."""
+        T, _, k = slopes.shape
+        return banded_rows(slopes, np.arange(T * k).reshape(T, k), T * k) @ self.accelerations
+
+    def eliminate(self, torques: Any, columns: Array) -> _Reduced:
+        """Eliminate z from the equations columns x = torques z and 0 = angles z with unit white noise.
+
+        With the information M = torques' torques + angles' angles, the least is at
+        z = M^-1 torques' columns x, and M^-1 (torques' e + angles' e') has the covariance M^-1 if the noise
+        e, e' is white.
+        """
+        from scipy.sparse.linalg import splu
+
+        random = np.random.default_rng(0)
+        e, e_angles = (random.standard_normal(matrix.shape[0]) for matrix in (torques, self.angles))
+        factor = splu((torques.T @ torques + self.angles.T @ self.angles).tocsc())
+        z = factor.solve(torques.T @ columns)  # (m k, c)
+        draw = factor.solve(torques.T @ e + self.angles.T @ e_angles)
+        return _Reduced(np.concatenate([columns - torques @ z, self.angles @ z]), z, draw)
 
 
 def _remove_noise(R: Array, right: Array, E: Array) -> tuple[Array, Array]:
-    """Correct the equations R z = right (f,) for the information of the noise's rows E (N, f).
+    """Correct the equations R parameters = right (f,) for the information of the spurious rows E (N, f).
 
     Equations with a share of noise above `most` of their information become zero.
     """
@@ -161,61 +291,45 @@ def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, flo
     return np.concatenate([np.empty((*predicted.shape, 0)), *columns], axis=2), np.array(deviations)
 
 
-def _weights(residual: Array, rows: TorqueRows) -> Array:
-    """Compute weights (T, n_a): 1 where errors of the motion add nothing to the noise, less where they do.
+def _whitening(valid: BoolArray, noise_filters: Sequence[Array], unmix: Array) -> Any:
+    """Return the sparse matrix (N, T n_a) that filters motors in time and among one another.
 
-    Residuals (T, n_a) have the variance s^2 + motion noise^2; s is the median of what the motion leaves.
+    Its rows are those of instants whose whole past is valid (T, n_a).
     """
-    weights = np.ones_like(residual)
-    for j, valid in enumerate(rows.valid.T):
-        if valid.any():
-            # the median of a squared normal variable is 0.455 of its variance
-            noise = np.sqrt(np.median(residual[valid, j] ** 2) / 0.455)
-            weights[:, j] = noise / np.maximum(np.hypot(noise, rows.motion_noise[:, j]), np.finfo(float).tiny)
-    return weights
+    from scipy.sparse import diags_array, eye_array, kron
+
+    T, n_a = valid.shape
+    lags = max(map(len, noise_filters))
+    usable = valid.copy()  # (T, n_a)
+    for lag in range(1, lags):
+        usable[lag:] &= valid[:-lag]
+        usable[:lag] = False
+    taps_by_lag = np.array([np.pad(taps, (0, lags - len(taps))) for taps in noise_filters]).T  # (lags, n_a)
+    filters = sum(kron(eye_array(T, k=-lag), diags_array(taps)) for lag, taps in enumerate(taps_by_lag))
+    together = usable.all(axis=1).astype(float)  # (T,)
+    mix = kron(diags_array(together), unmix) + kron(diags_array(1.0 - together), eye_array(n_a))
+    return (mix @ filters).tocsr()[np.flatnonzero(usable)]
 
 
-def _whiten(columns: Array, valid: BoolArray, noise_filters: Sequence[Array], unmix: Array) -> Array:
-    """Filter columns (T, n_a, k) in time and between motors; return the usable rows (N, k)."""
-    filtered = [_filter(columns[:, j], valid[:, j], taps) for j, taps in enumerate(noise_filters)]
-    white = np.stack([values for values, _ in filtered])  # (n_a, T, k)
-    usable = np.stack([mask for _, mask in filtered])  # (n_a, T)
-    together = usable.all(axis=0)
-    white[:, together] = np.tensordot(unmix, white[:, together], axes=1)
-    return white[usable]
-
-
-def _unmixing(residual: Array, valid: BoolArray, noise_filters: Sequence[Array]) -> Array:
-    """Compute the inverse Cholesky factor (n_a, n_a) of the correlation of filtered residuals (T, n_a)."""
-    filtered = [_filter(residual[:, [j]], valid[:, j], taps) for j, taps in enumerate(noise_filters)]
-    together = np.all([usable for _, usable in filtered], axis=0)
-    white = np.stack([values[together, 0] for values, _ in filtered])  # (n_a, N)
-    if white.shape[1] < MIN_CORRELATED * len(white):
-        return np.eye(len(white))
+def _unmixing(noise: Array, valid: BoolArray, noise_filters: Sequence[Array]) -> Array:
+    """Compute the inverse Cholesky factor (n_a, n_a) of the correlation of filtered noise (T, n_a)."""
+    together = valid & valid.all(axis=1, keepdims=True)
+    n_a = len(noise_filters)
+    white = (_whitening(together, noise_filters, np.eye(n_a)) @ noise.ravel()).reshape(-1, n_a).T  # (n_a, N)
+    if white.shape[1] < MIN_CORRELATED * n_a:
+        return np.eye(n_a)
     lengths = np.linalg.norm(white, axis=1, keepdims=True)
     white /= np.maximum(lengths, np.finfo(float).tiny)
-    return np.linalg.inv(np.linalg.cholesky(white @ white.T + RANK_ROUNDING * np.eye(len(white))))
+    return np.linalg.inv(np.linalg.cholesky(white @ white.T + RANK_ROUNDING * np.eye(n_a)))
 
 
-def _filter(columns: Array, valid: BoolArray, noise_filter: Array) -> tuple[Array, BoolArray]:
-    """Filter the columns (T, k) of one motor; return a mask (T,) of rows whose whole past is valid too."""
-    filtered = np.zeros_like(columns)
-    usable = np.ones(len(columns), dtype=bool)
-    count = len(columns)
-    for lag, weight in enumerate(noise_filter):
-        filtered[lag:] += weight * columns[: count - lag]
-        usable[lag:] &= valid[: count - lag]
-        usable[:lag] = False
-    return filtered, usable
-
-
-def _noise_filter(
-    residual: Array, valid: BoolArray, *, max_order: int = 24, rows_per_order: int = 20
-) -> Array:
+def _noise_filter(residual: Array, valid: BoolArray) -> Array:
     """Return the filter (order + 1,) that turns the residuals (T,) of a motor into white unit noise.
 
     Levinson's recursion solves the Yule-Walker equations of all orders from the autocovariances.
     """
+    max_order = 24
+    rows_per_order = 20
     masked = np.where(valid, residual, 0.0)
     count = int(np.count_nonzero(valid))
     highest = int(min(max_order, count // rows_per_order))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.rotations import whole_turns
+from framework.numerics.splines import banded_rows, find_intervals, spline_values
 from framework.proofs.working_modes import working_modes
 from framework.tolerances import MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
 
@@ -50,11 +51,22 @@ class MeasuredMotion:
     cutoff: float  # [Hz] highest frequency that smoothing passes
     times: Array  # (T,)
     motion: Motion
-    noisier: Motion  # with simulated noise of rates and accelerations added
-    acceleration_noise: Array  # (T, n) deviations for motors or platform coordinates, as white noise
+    errors: SplineErrors  # of the signals from which the motion is computed, motors' joints or platform
     sign_known: BoolArray  # (T, n_a) whether the speed of a motor is above its noise
     torque: Array  # (T, n_a) as recorded, motor side
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors; 0 if poses are from motors
+
+
+class SplineErrors(NamedTuple):
+    """Errors of k signals that are splines of m coefficients, in units of one deviation of their samples.
+
+    A spline by least squares of samples with independent errors of the deviation `noise` has coefficients
+    with errors z * noise, where z (m, k) has the information values' values.
+    """
+
+    values: Any  # (T, m) sparse, of the signals by the coefficients
+    accelerations: Any  # (T, m) sparse, of their second derivatives
+    noise: Array  # (k,) deviation of a sample
 
 
 class SmoothedSamples(NamedTuple):
@@ -63,13 +75,11 @@ class SmoothedSamples(NamedTuple):
     values: Array  # (3, T, k)
     cutoff: float  # [Hz]
     rate_error: Array  # (T, k) bounds of the first derivatives' errors
-    acceleration_noise: Array  # (T, k) deviation of the second derivatives, as white noise
-    example: Array  # (2, T, k) simulated noise of the first and second derivatives
+    errors: SplineErrors
 
     def thin(self, stride: int) -> SmoothedSamples:
         """Return every `stride`-th sample."""
-        arrays = {"values", "rate_error", "acceleration_noise", "example"}
-        return self._replace(**{name: getattr(self, name)[..., ::stride, :] for name in arrays})
+        return self._replace(values=self.values[:, ::stride], rate_error=self.rate_error[::stride])
 
 
 def measured_motion(
@@ -131,8 +141,7 @@ def measured_motion(
         cutoff=joints.cutoff,
         times=times[::stride],
         motion=motion,
-        noisier=_add_noise(robot, motion, smoothed.example, of_motors=source == "motors"),
-        acceleration_noise=smoothed.acceleration_noise,
+        errors=smoothed.errors,
         sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
         torque=torque,
         motor_misfit=misfit,
@@ -225,7 +234,7 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
     max_share = 0.3  # of coefficients among the samples
     growth = 1.25  # of the number of coefficients, from one trial to the next
     refinement = 1.6  # coefficients for derivatives, over those for the curve
-    noise_runs = 8  # simulated noise from which that of the derivatives is estimated
+    noise_runs = 8  # simulated noise from which that of the rates is estimated
     duration = times[-1] - times[0]
     most = max(int(max_share * len(times)), min_coefficients)
     if cutoff is None:
@@ -244,26 +253,28 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
 
     spline = _fit_spline(times, samples, count)
     values = np.array([spline(times, order) for order in range(3)])
-    # the noise of the samples, and by simulation that of the derivatives; what smoothing changes of the rates
+    # the noise of the samples, and by simulation that of the rates; what smoothing changes of the rates
     squares = np.sum((samples - values[0]) ** 2, axis=0)
     noise = np.sqrt(squares / (len(times) - count))  # (k,)
-    runs = max(noise_runs, samples.shape[1])
-    unit_noise = np.random.default_rng(0).standard_normal((len(times), runs))
-    noise_spline = _fit_spline(times, unit_noise, count)
-    unit_errors = np.array([noise_spline(times, order) for order in (1, 2)])  # (2, T, runs)
-    rate_spread, spread = noise * np.sqrt(np.mean(unit_errors**2, axis=2, keepdims=True))  # (T, k) each
+    unit_noise = np.random.default_rng(0).standard_normal((len(times), noise_runs))
+    rate_errors = _fit_spline(times, unit_noise, count)(times, 1)  # (T, noise_runs)
+    rate_spread = noise * np.sqrt(np.mean(rate_errors**2, axis=1, keepdims=True))  # (T, k)
     coarser = _fit_spline(times, samples, max(min_coefficients, int(count / refinement)))
+    intervals = find_intervals(spline.t, spline.k, times)  # (T,)
+    columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
+    functions, _, curvatures = (
+        banded_rows(spline_values(spline.t, spline.k, intervals, times, order)[:, None], columns, count)
+        for order in range(3)
+    )
     return SmoothedSamples(
         values=values,
         cutoff=0.5 * count / duration,
         rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(times, 1)),
-        # white noise that tells as much as this one, correlated over a knot spacing, has so much more power
-        acceleration_noise=np.sqrt(len(times) / count) * spread,
-        example=noise * unit_errors[:, :, : samples.shape[1]],
+        errors=SplineErrors(functions, curvatures, noise),
     )
 
 
-def _fit_spline(times: Array, samples: Array, count: int) -> Callable[..., Array]:
+def _fit_spline(times: Array, samples: Array, count: int) -> Any:
     """Fit a spline of `count` coefficients to samples (T, k) by least squares.
 
     Knots are equally spaced in time or, where a gap would leave two knots without a sample, in samples.
@@ -276,8 +287,7 @@ def _fit_spline(times: Array, samples: Array, count: int) -> Callable[..., Array
         samples_before = np.linspace(0, len(times) - 1, len(knots))
         knots = np.interp(samples_before, np.arange(len(times)), times)
     padded = np.concatenate([[times[0]] * degree, knots, [times[-1]] * degree])
-    spline: Callable[..., Array] = make_lsq_spline(times, samples, padded, k=degree)
-    return spline
+    return make_lsq_spline(times, samples, padded, k=degree)
 
 
 def _cross_validation(times: Array, samples: Array, count: int) -> float:
@@ -310,14 +320,6 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     drift = freeze_deflections(robot, q, v, np.zeros_like(v)).a
     a = drift + np.matvec(joints_per_motor, ddq_a - drift[:, robot.actuated])
     return freeze_deflections(robot, q, v, a)
-
-
-def _add_noise(robot: ParallelRobot, motion: Motion, noise: Array, *, of_motors: bool) -> Motion:
-    """Add noise (2, T, k) of rates and accelerations of the motors' joints, or the platform, to a motion."""
-    _, N = motor_speeds(robot, motion.linearised)  # (T, nv, n)
-    joints = N @ np.linalg.pinv(N[:, robot.actuated]) if of_motors else N  # (T, nv, k)
-    dv, da = np.matvec(joints, noise)
-    return replace(motion, v=motion.v + dv, a=motion.a + da)
 
 
 def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.errors import NotConverged
 from framework.identification.base_parameters import LinkParameters, read_inertial_parameters, write_inertial
+from framework.identification.least_squares import posterior_root
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
@@ -37,8 +38,6 @@ def fit_possible_parameters(
     root: Array,
     right: Array,
     prior: float,
-    *,
-    constant: Array | None = None,
 ) -> PossibleParameters:
     """Compute the most probable parameters (u,) of possible links and motors.
 
@@ -51,15 +50,12 @@ def fit_possible_parameters(
         free: (f,) indices of the parameters that may change.
         root, right: equations root z = right with unit noise.
         prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
-        constant: (k, f) combinations of z that stay zero, over a spread that counts as zero. The covariance
-            is that without them.
 
     Raises:
         NotConverged: the solver does not converge.
     """
-    change = posterior = _posterior_root(links, free, root, prior)
-    if constant is not None:
-        change = _posterior_root(links, free, np.concatenate([root, constant]), prior)
+    change = np.zeros((len(links.values), len(free)))
+    change[free] = posterior_root(root, prior * np.diag(links.prior_sizes[free]))
     best = links.values + change @ (change[free].T @ (root.T @ right))
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
@@ -80,18 +76,7 @@ def fit_possible_parameters(
         link = Element("link")
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
-    return PossibleParameters(values, posterior @ posterior.T)
-
-
-def _posterior_root(links: LinkParameters, free: IntArray, root: Array, prior: float) -> Array:
-    """Compute S (u, f), where S S' is the covariance of the parameters by `root` and prior."""
-    deviation = prior * links.prior_sizes[free]
-    _, sigma, V_rows = np.linalg.svd(root * deviation, full_matrices=True)
-    squares = np.zeros(len(free))
-    squares[: len(sigma)] = sigma**2
-    posterior = np.zeros((len(links.values), len(free)))
-    posterior[free] = deviation[:, None] * V_rows.T / np.sqrt(1.0 + squares)
-    return posterior
+    return PossibleParameters(values, change @ change.T)
 
 
 def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:

@@ -5,20 +5,20 @@ With G' = N' S the equations N' Y theta + constant = G' tau (`base_parameters`) 
     tau = B (N' Y theta + constant),    B = E (G' E)^+,    E = diag(root mean square of the torques),
 
 where tau is B G' tau if motors are redundant: the part of the torques that moves the robot. Each equation is
-a series in time with the noise of one motor, and with that of the accelerations times the inertia. Not valid
-are the instants near Type 2, where G' loses rank, and those at which the sign of the motor's speed is
-unknown: there dry friction may have any value.
+a series in time with the noise of one motor; errors of the accelerations change B N' Y. Not valid are the
+instants near Type 2, where G' loses rank, and those at which the sign of the motor's speed is unknown: there
+dry friction may have any value.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import mass_matrices
 from framework.identification.base_parameters import BaseParameters, parameter_regressor
-from framework.identification.measured_motion import MeasuredMotion
+from framework.identification.measured_motion import MeasuredMotion, SplineErrors
 from framework.kinematics.motion_rates import Motion, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray
@@ -31,38 +31,41 @@ class TorqueRows(NamedTuple):
 
     times: Array  # (T,) [s]
     matrix: Array  # (T, n_a, r) derivatives with respect to the base parameters
-    matrix_noise: Array  # (T, n_a, r) what errors of the motion add to `matrix`
+    response: Array  # (T, n_a, r, k) derivatives of `matrix` with respect to accelerations of k signals
     constant: Array  # (T, n_a) of springs, and of armature and damping of joints without a motor
     torque: Array  # (T, n_a) measured [N m, N]
-    motion_noise: Array  # (T, n_a) deviation of the torques by errors of the accelerations, as white noise
     valid: BoolArray  # (T, n_a)
     independent: float  # share n / n_a of the equations that are independent
+    errors: SplineErrors  # of the k signals, motors' joints or platform
 
     def restrict(self, instants: BoolArray) -> TorqueRows:
         """Return the equations with only those of the instants in a mask (T,) valid."""
         return self._replace(valid=self.valid & instants[:, None])
 
 
-def torque_rows(robot: ParallelRobot, measured: MeasuredMotion, base: BaseParameters) -> TorqueRows:
-    """Compute the equations of the motor torques at the T instants of a recorded motion."""
+def torque_rows(
+    robot: ParallelRobot, measured: MeasuredMotion, base: BaseParameters, *, exact_motion: bool = False
+) -> TorqueRows:
+    """Compute the equations of the motor torques at the T instants of a recorded motion.
+
+    An exact motion has no response to errors of k = 0 signals.
+    """
     chunk = 512  # instants whose regressors of all joints are in memory at once
     leading = base.combinations.leading
+    signals = 0 if exact_motion else len(measured.errors.noise)
     scale = np.sqrt(np.mean(measured.torque**2, axis=0))  # (n_a,) the diagonal of E
-    matrices, noises, constants, torques, motion_noise, least = [], [], [], [], [], []
+    matrices, responses, constants, torques, least = [], [], [], [], []
     for start in range(0, len(measured.times), chunk):
         part = slice(start, start + chunk)
-        motion = _select(measured.motion, part)
+        motion = measured.motion.select(part)
         regressor = parameter_regressor(robot, motion, base.described)
-        noisier = parameter_regressor(robot, _select(measured.noisier, part), base.described)
         scaled_G = regressor.motors * scale  # (t, n, n_a) G' E
         B = scale[:, None] * np.linalg.pinv(scaled_G)  # (t, n_a, n)
         matrices.append(B @ regressor.matrix[:, :, leading])
-        noises.append(B @ (noisier.matrix - regressor.matrix)[:, :, leading])
+        joints = _joints_by_signals(robot, motion, of_motors=measured.source == "motors")[..., :signals]
+        responses.append(_response(robot, motion, joints, base, B))
         constants.append(np.matvec(B, regressor.constant))
         torques.append(np.matvec(B @ regressor.motors, measured.torque[part]))
-        inertia = B @ _inertia(robot, motion, of_motors=measured.source == "motors")  # (t, n_a, k)
-        noise = inertia * measured.acceleration_noise[part, None]
-        motion_noise.append(np.linalg.norm(noise, axis=2))
         unit_G = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
         least.append(singular_values(unit_G / robot.gear_ratio)[:, -1])
     clearances = np.concatenate(least)  # (T,) distances from Type 2
@@ -72,28 +75,31 @@ def torque_rows(robot: ParallelRobot, measured: MeasuredMotion, base: BaseParame
     return TorqueRows(
         times=measured.times,
         matrix=np.concatenate(matrices),
-        matrix_noise=np.concatenate(noises),
+        response=np.concatenate(responses),
         constant=np.concatenate(constants),
         torque=np.concatenate(torques),
-        motion_noise=np.concatenate(motion_noise),
         valid=sign_known & (clearances > MIN_NOISE_RATIO * clearances.max())[:, None],
         independent=robot.n / robot.n_a,
+        errors=measured.errors,
     )
 
 
-def _select(motion: Motion, part: slice) -> Motion:
-    """Return a part of the instants of a motion."""
-    return Motion(motion.q[part], motion.v[part], motion.a[part], motion.linearised.select(part))
-
-
-def _inertia(robot: ParallelRobot, motion: Motion, *, of_motors: bool) -> Array:
-    """Compute wrenches (T, n, k) for unit accelerations of the k motors' joints, or platform coordinates.
-
-    They are N' (M + rotors) N, times the platform's motion N_a^+ for unit rates of the motors.
-    """
+def _joints_by_signals(robot: ParallelRobot, motion: Motion, *, of_motors: bool) -> Array:
+    """Compute rates (T, nv, k) of joints for unit rates of motors' joints, N N_a^+, or of the platform, N."""
     _, N = motor_speeds(robot, motion.linearised)  # (T, nv, n)
-    motors = robot.actuated
-    mass = mass_matrices(robot, motion.q)  # (T, nv, nv)
-    mass[:, motors, motors] += robot.gear_ratio**2 * robot.rotor_inertia
-    by_platform = N.swapaxes(1, 2) @ mass @ N  # (T, n, n)
-    return by_platform @ np.linalg.pinv(N[:, motors]) if of_motors else by_platform
+    return N @ np.linalg.pinv(N[:, robot.actuated]) if of_motors else N
+
+
+def _response(robot: ParallelRobot, motion: Motion, joints: Array, base: BaseParameters, B: Array) -> Array:
+    """Compute derivatives (T, n_a, r, k) of the equations with respect to accelerations of k signals.
+
+    The regressor is linear in the accelerations, so that differences are exact. `joints` (T, nv, k) are those
+    of all joints for unit ones of the signals.
+    """
+    at_rest = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
+    still = parameter_regressor(robot, at_rest, base.described).matrix
+    response = np.zeros((*B.shape[:2], base.rank, joints.shape[2]))
+    for k in range(joints.shape[2]):
+        moving = parameter_regressor(robot, replace(at_rest, a=joints[:, :, k]), base.described).matrix
+        response[..., k] = B @ (moving - still)[:, :, base.combinations.leading]
+    return response

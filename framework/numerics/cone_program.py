@@ -208,23 +208,28 @@ def least_norm_semidefinite(matrices: Sequence[LinearMatrix], not_negative: Affi
     import clarabel
     from scipy import sparse
 
-    cones = [
-        clarabel.NonnegativeConeT(len(not_negative.offset)),
-        *(clarabel.PSDTriangleConeT(len(matrix.offset)) for matrix in matrices),
-    ]
     # affine functions of y whose values Clarabel calls the slack b - A y, one for each of these cones
     slack = [not_negative, *map(_upper_triangle, matrices)]
     # solve for y / scale, so that the largest slope of every matrix is at least 1: the solver would stop too
     # early with small slopes
     largest_slopes = [float(np.abs(matrix.slopes).max(initial=0.0)) or 1.0 for matrix in matrices]
     scale = 1.0 / min(largest_slopes, default=1.0)
-    A = sparse.csc_array(-scale * np.concatenate([part.matrix for part in slack]))
-    b = np.concatenate([part.offset for part in slack])
-    n = A.shape[1]
-    identity = sparse.csc_array(np.eye(n))  # the cost is |y / scale|^2 / 2, without a linear part
-    solution = clarabel.DefaultSolver(identity, np.zeros(n), A, b, cones, _settings()).solve()
+    slopes = scale * np.concatenate([part.matrix for part in slack])
+    n = slopes.shape[1]
+    # the last unknown is the norm, which bounds (y / scale) in a cone: as a quadratic cost the solver cycles
+    A = sparse.csc_array(
+        -np.block([[slopes, np.zeros((len(slopes), 1))], [np.eye(n + 1)[-1:]], [np.eye(n, n + 1)]])
+    )
+    b = np.concatenate([*(part.offset for part in slack), np.zeros(n + 1)])
+    cones = [
+        clarabel.NonnegativeConeT(len(not_negative.offset)),
+        *(clarabel.PSDTriangleConeT(len(matrix.offset)) for matrix in matrices),
+        clarabel.SecondOrderConeT(n + 1),
+    ]
+    no_squares = sparse.csc_array((n + 1, n + 1))
+    solution = clarabel.DefaultSolver(no_squares, np.eye(n + 1)[-1], A, b, cones, _settings()).solve()
     status = str(solution.status)
-    return scale * np.array(solution.x) if status in SOLVED else Unsolved(status)
+    return scale * np.array(solution.x[:-1]) if status in SOLVED else Unsolved(status)
 
 
 def _upper_triangle(matrix: LinearMatrix) -> Affine:
