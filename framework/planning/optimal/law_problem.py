@@ -227,7 +227,7 @@ class MotorRows(NamedTuple):
     def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
         torque, curve = (
-            tuple(Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in rows)
+            tuple([Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in rows])
             for rows in (self.torque, self.curve)
         )
         others = (self.squared_speed, self.internal)
@@ -284,7 +284,7 @@ def motor_rows(
         return _rows_of_response(problem, problem.response, basis, xi)
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
-    z0 = problem.z0 if problem.task.robot.is_damped else None
+    z0 = problem.z0 if problem.z0 is not None and problem.task.robot.is_damped else None
     c, cz, cu = required.linearise_damping(None if z0 is None else z0(sigma))
     c = c + required.friction(problem.specification.friction)
 
@@ -298,6 +298,8 @@ def motor_rows(
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
     speeds = _squared_speed_rows(required.speed, problem.specification, z)
     if frames is None:
+        if problem.specification.drives is None:
+            return MotorRows(tuple(torques), speeds)
         curves = _curve_rows(problem, torques, required.speed, z, sigma)
         return MotorRows(tuple(torques), speeds, curve=curves)
     assert required.internal is not None  # of motors without curves

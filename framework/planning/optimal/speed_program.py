@@ -311,9 +311,12 @@ class SpeedProgram:
             y_0, durations, is_equal = about
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
-        rms_limits = self._rms_limits(goal, bounds)
-        nonnegative += [self._bound_rms(motor, limit, units) for motor, limit in rms_limits.items()]
-        powers = {f"e{motor}": [motor] for motor in rms_limits}  # squared torques in time, by unknown
+        powers = dict[str, Sequence[int]]()  # motors of squared torques over time, by unknown
+        if self.problem.averaging_time is not None and bounds.torque_limits and goal != "limits":
+            for motor, limit in self._rms_limits(bounds).items():
+                nonnegative.append(self._bound_rms(motor, limit, units))
+                powers[f"e{motor}"] = [motor]
+            tolerance = max(tolerance, RMS_TOLERANCE) if powers else tolerance
         if powered:
             powers["e"] = list(range(len(self.rows.torque)))
 
@@ -325,8 +328,6 @@ class SpeedProgram:
             nonnegative,
             self._cones(units, powers, timed=timed),
         )
-        if rms_limits:
-            tolerance = max(tolerance, RMS_TOLERANCE)
         optimum = solve_cone_program(program, tolerance=tolerance)
         if isinstance(optimum, Unsolved):
             return optimum
@@ -410,22 +411,19 @@ class SpeedProgram:
             rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
         return rows
 
-    def _rms_limits(self, goal: str, bounds: Bounds) -> dict[int, float]:
-        """Return the RMS torque limits that count [N m], by motor.
+    def _rms_limits(self, bounds: Bounds) -> dict[int, float]:
+        """Return the limits of RMS torques [N m], by motor.
 
         Where the duration is open, they count from the second law on, over the time suggested by the first.
 
         Args:
-            goal: goal of `minimise`.
-            bounds: whether torque limits hold, and the share of them that may be used.
+            bounds: the share of the limits that may be used.
         """
         drives = self.problem.specification.drives
-        if drives is None or goal == "limits" or not bounds.torque_limits:
+        if drives is None:
             return {}
-        if self.problem.averaging_time is None:
-            return {}
-        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit))
-        return {int(motor): bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
+        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
+        return {motor: bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
 
     def _bound_rms(self, motor: int, limit: float, units: Units) -> AffineRows:
         """Return limit^2 T less the integral of a squared torque, as a row that must not be negative.
