@@ -226,13 +226,14 @@ class MotorRows(NamedTuple):
 
     def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
-        torque, curve = (
-            tuple([Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in rows])
+        torque, curve = [
+            [Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in rows]
             for rows in (self.torque, self.curve)
-        )
-        others = (self.squared_speed, self.internal)
-        squared_speed, internal = (tuple(SparseRows.of(weights @ rows) for rows in part) for part in others)
-        return MotorRows(torque, squared_speed, internal, curve)
+        ]
+        squared_speed, internal = [
+            [SparseRows.of(weights @ rows) for rows in part] for part in (self.squared_speed, self.internal)
+        ]
+        return MotorRows(tuple(torque), tuple(squared_speed), tuple(internal), tuple(curve))
 
     def largest_limit_ratio(self, y: Array, x: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
@@ -251,13 +252,10 @@ class MotorRows(NamedTuple):
 
     def stack(self, other: MotorRows) -> MotorRows:
         """Return the rows, with the rows of `other` below."""
-        torques = zip(self.torque, other.torque, strict=True)
-        speeds = zip(self.squared_speed, other.squared_speed, strict=True)
-        internal = zip(self.internal, other.internal, strict=True)
         return MotorRows(
-            tuple(_stack_affine(upper, lower) for upper, lower in torques),
-            tuple(upper.append(lower) for upper, lower in speeds),
-            tuple(upper.append(lower) for upper, lower in internal),
+            tuple(map(_stack_affine, self.torque, other.torque)),
+            tuple(map(SparseRows.append, self.squared_speed, other.squared_speed)),
+            tuple(map(SparseRows.append, self.internal, other.internal)),
             tuple(map(_stack_affine, self.curve, other.curve)),
         )
 

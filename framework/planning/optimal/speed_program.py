@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.drive_limits import DriveLimits
 from framework.dynamics.torque_distribution import InternalSplines, second_differences
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
@@ -312,8 +313,9 @@ class SpeedProgram:
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
         powers = dict[str, Sequence[int]]()  # motors of squared torques over time, by unknown
-        if self.problem.averaging_time is not None and bounds.torque_limits and goal != "limits":
-            for motor, limit in self._rms_limits(bounds).items():
+        drives = self.problem.specification.drives
+        if drives is not None and bounds.torque_limits and goal != "limits":
+            for motor, limit in self._rms_limits(drives, bounds).items():
                 nonnegative.append(self._bound_rms(motor, limit, units))
                 powers[f"e{motor}"] = [motor]
             tolerance = max(tolerance, RMS_TOLERANCE) if powers else tolerance
@@ -411,7 +413,7 @@ class SpeedProgram:
             rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
         return rows
 
-    def _rms_limits(self, bounds: Bounds) -> dict[int, float]:
+    def _rms_limits(self, drives: DriveLimits, bounds: Bounds) -> dict[int, float]:
         """Return the limits of RMS torques [N m], by motor.
 
         Where the duration is open, they count from the second law on, over the time suggested by the first.
@@ -419,8 +421,7 @@ class SpeedProgram:
         Args:
             bounds: the share of the limits that may be used.
         """
-        drives = self.problem.specification.drives
-        if drives is None:
+        if self.problem.averaging_time is None:
             return {}
         motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
         return {motor: bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
