@@ -112,8 +112,8 @@ def format_distinct(one: float, other: float, digits: int = 4) -> tuple[str, str
 
 
 def round_up(value: float, digits: int) -> float:
-    """Round a positive number up to so many digits; infinity stays."""
-    if not np.isfinite(value):
+    """Round a number >= 0 up to so many digits; infinity and zero stay."""
+    if not np.isfinite(value) or value == 0.0:
         return value
     unit = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
     return float(f"{np.ceil(value / unit) * unit:.{digits}g}")

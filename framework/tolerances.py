@@ -430,6 +430,12 @@ Torques resolve to 1e-9 of it. At 1e-7 laws pass whose torques do not; at 1e-9 s
 refused at once.
 """
 
+DRIVE_SLACK = 5e-4
+"""Share of a torque-speed curve or RMS limit that the linearisation of an optimal law may leave free.
+
+It is half of the 1e-3 to which limits are reached where they bind.
+"""
+
 DAMPING_TORQUE_ERROR = 1e-4
 """Torque that viscous damping linearised about the previous law is off, over the peak of the law.
 

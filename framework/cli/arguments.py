@@ -29,7 +29,7 @@ from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_columns, select_columns
 from framework.planning.options import TYPED
 from framework.planning.remedies import plan_or_advise
-from framework.planning.request import Request
+from framework.planning.request import MOTOR_LIMITS, Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import is_plan_folder, load_plan
 from framework.planning.scenes import scene, scene_path, scene_request
@@ -187,7 +187,7 @@ def typed_options(options: Namespace) -> MotionOptions:
     typed = {key: values[key] for key in TYPED if values.get(key) is not None}
     if "margin" in typed:
         typed["margin"] = share("--margin", typed["margin"])
-    for name in {"torque_limit", "speed_limit"} & typed.keys():
+    for name in set(MOTOR_LIMITS) & typed.keys():
         typed[name] = limits(TYPED[name].flag, typed[name])
     return typed
 

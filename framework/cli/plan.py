@@ -347,18 +347,18 @@ def _plan_robustly(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound that no law can pass, with the plan's gap.
+    """Return the fact on the bound that no law can pass, with the plan's gap, or why none is known.
 
-    Empty without a bound.
+    Empty for polynomials.
     """
     best = plan.optimality
     if best is None:
         return []
-    from framework.planning.optimal.peak_bound import bound_plan  # other plans do not need it
+    from framework.planning.optimal.peak_bound import bound_plan, explain_missing_bound  # of these alone
 
     bound = bound_plan(plan)
     if bound is None:
-        return []
+        return [Fact("bound", f"none is known for {explain_missing_bound(plan)}")]
     if best.specification.goal == "time":
         cost = plan.duration
         least = f"takes less than {bound.value:.4g} s"
@@ -367,7 +367,14 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
         least = f"has a peak below {peaks[best.reference.argmax()].text}"
     over = cost / bound.value - 1.0
-    uncounted = "; required times are not counted" if best.specification.times else ""
+    uncounted = "".join(
+        f"; {what} are not counted"
+        for what, given in (
+            ("required times", best.specification.times),
+            ("curves and RMS torques", best.specification.drives),
+        )
+        if given
+    )
     return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more{uncounted}")]
 
 

@@ -82,6 +82,17 @@ def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     return np.where(np.isfinite(limits), limits, 10 * np.abs(reference.torque).max(axis=0))
 
 
+def torque_range(reference: Reference, loop: ControlLoop) -> tuple[Array, Array]:
+    """Return the least and the largest torque (K, n_a) [N m, N] of the loop, at the planned speeds.
+
+    Torques along the speed are also limited by torque-speed curves.
+    """
+    limit = torque_limit(reference, loop)
+    driving = np.minimum(limit, reference.driving_limit)
+    speed = reference.motor_speed
+    return -np.where(speed < 0.0, driving, limit), np.where(speed > 0.0, driving, limit)
+
+
 def run_closed_loop(
     controller: Controller,
     loop: ControlLoop,
@@ -104,7 +115,7 @@ def run_closed_loop(
         InvalidInput: the loops of a varied robot do not close; an invalid torque limit.
     """
     ref = controller.reference
-    limit = torque_limit(ref, loop)
+    lowest, highest = torque_range(ref, loop)
     # a controller that filters reads the sensors that it was tuned for
     own = getattr(controller, "sensors", None)
     robots = _VariedRobots.of(ref, loop, spread, variations, own)
@@ -128,7 +139,7 @@ def run_closed_loop(
         # a controller may divide by zero at Type 2: an undefined torque counts as none
         with np.errstate(all="ignore"):
             command = driver.torque(k, measured._replace(command=commands[k - 1] if k else None))
-        commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
+        commands[k] = np.clip(np.nan_to_num(command, nan=0.0), lowest[k], highest[k])
         # each run has its own delay, a number of periods; until it has passed, the first command applies
         torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
         if k == last or np.isfinite(lost).all():

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.control.closed_loop import MAX_DEVIATION, torque_limit
+from framework.control.closed_loop import MAX_DEVIATION, torque_range
 from framework.control.controllers import Controller, FeedforwardPD, motor_gains
 from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_plan, linearise_variants
@@ -140,7 +140,9 @@ class LinearModels(NamedTuple):
         platform = (deviation.z[:, :, : robot.n] / robot.platform_scale).max(axis=(1, 2))
         planned = np.abs(reference.torque)  # (K, n_a)
         peak = planned.max(axis=0)
-        left = np.maximum(torque_limit(reference, loop) - planned, LEAST_ROOM * peak)
+        lowest, highest = torque_range(reference, loop)
+        limit = np.where(reference.torque < 0.0, -lowest, highest)
+        left = np.maximum(limit - planned, LEAST_ROOM * peak)
         return (
             np.where(platform < MAX_DEVIATION, platform, np.inf),
             (deviation.torque / peak).max(axis=(1, 2)),

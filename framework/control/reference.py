@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw
 from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.planning.request import specification_of
 from framework.planning.result import CrossingPlan
 from framework.tolerances import SAME_PLACE
 
@@ -33,6 +34,9 @@ class Reference(ReadOnlyArrays):
     ddx: Array  # (K, n) their accelerations
     torque: Array  # (K, n_a) [N m; N of motors of slides], motor side, without dry friction
     torque_limit: Array  # (n_a,) limits that the plan was made for, motor side; infinite without
+    driving_limit: (
+        Array  # (K, n_a) the same at planned speeds, by torque-speed curves, for torques along them
+    )
     period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
@@ -81,6 +85,9 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
     middles = np.minimum(times + period / 2, plan.duration)  # of the sampling periods
     motion = dynamics.motion(times)
     x = plan.platform(times)  # (K, n)
+    speed = plan.motor_angle(times, order=1)
+    torque_limit = motor_limits(robot, "torque_limit", plan.request.torque_limit)
+    drives = specification_of(robot, replace(plan.request, margin=0.0)).drives
     return Reference(
         robot=robot,
         period=period,
@@ -90,10 +97,11 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         dx=plan.platform(times, order=1),
         ddx=plan.platform(times, order=2),
         torque=dynamics.torques(times),
-        torque_limit=motor_limits(robot, "torque_limit", plan.request.torque_limit),
+        torque_limit=torque_limit,
+        driving_limit=torque_limit + np.zeros_like(speed) if drives is None else drives.largest_torque(speed),
         period_torque=dynamics.torques(middles),
         motor_angle=plan.motor_angle(times),
-        motor_speed=plan.motor_angle(times, order=1),
+        motor_speed=speed,
         N=joint_rates_by_platform(robot, motion, x),
         law=plan.law,
         wrenches=dynamics.wrenches,

@@ -19,7 +19,8 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     """Return the limits (n_a,) of all motors, motor side, infinite for unlimited motors.
 
     Args:
-        name: `torque_limit` [N m, or N for sliding motors] or `speed_limit` [rad/s, m/s].
+        name: `torque_limit` or `rms_torque_limit` [N m, or N for sliding motors]; `speed_limit`,
+            `corner_speed` or `no_load_speed` [rad/s, m/s]. A corner speed may be zero.
         stated: one positive number for all motors; or one for each in the order of `robot.actuator_names`; or
             numbers by joint, where joints left out have the limits of the robot file; or None for the limits
             of the robot file. A motor whose entry is None or infinite has no limit.
@@ -42,7 +43,8 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     except InvalidInput:
         numbers = np.empty(0)  # refused by its shape
     has_bool = any(isinstance(value, bool) for value in values)
-    if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(numbers > 0):
+    is_valid = numbers >= 0 if name == "corner_speed" else numbers > 0
+    if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(is_valid):
         raise InvalidInput(
             f"{name}: needs one positive number, or one for each motor ({', '.join(robot.actuator_names)}), "
             f"None where there is no limit, or some by joint, got {short(stated)}"

@@ -103,6 +103,8 @@ class Actuator:
 
     `rotor_inertia` [kg m^2] and the limits [N m], [rad/s] are on the motor side of the gear. `gear_ratio` is
     motor angle over joint angle. `backlash` is the whole play of the joint [rad, m] with the motor at rest.
+    A torque-speed curve (`dynamics.drive_limits`) has the `torque_limit` up to the `corner_speed`, and no
+    torque at the `no_load_speed`. `rms_torque_limit` bounds the root mean square over a motion or cycle.
     """
 
     joint: str
@@ -111,6 +113,9 @@ class Actuator:
     torque_limit: float | None = None  # None: no limit
     speed_limit: float | None = None
     backlash: float = 0.0
+    corner_speed: float | None = None  # None: no torque-speed curve
+    no_load_speed: float | None = None
+    rms_torque_limit: float | None = None
 
 
 @dataclass(frozen=True)

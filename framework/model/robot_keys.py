@@ -206,8 +206,24 @@ class RobotReader:
             "torque_limit": _read_limit,
             "speed_limit": _read_limit,
             "backlash": not_negative,
+            "corner_speed": not_negative,
+            "no_load_speed": positive,
+            "rms_torque_limit": _read_limit,
         }
-        return dataclass_of(Actuator, readers)(where, given)
+        motor: Actuator = dataclass_of(Actuator, readers)(where, given)
+        corner, no_load = motor.corner_speed, motor.no_load_speed
+        if corner is None and no_load is None:
+            return motor
+        for key in ("torque_limit", "corner_speed", "no_load_speed"):
+            if getattr(motor, key) is None:
+                raise RobotFileError(f"{below(where, key)}: required, as part of a torque-speed curve")
+        assert corner is not None
+        assert no_load is not None
+        if corner >= no_load:
+            raise RobotFileError(
+                f"{below(where, 'corner_speed')}: must be below the no_load_speed {no_load:g}, got {corner:g}"
+            )
+        return motor
 
     def closure(self, where: str, given: Any) -> Closure:
         """Read a closure, stated by a kind with its axis or length, or by locked axes."""

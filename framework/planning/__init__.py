@@ -14,10 +14,11 @@ Open `plan` first: `plan_crossing` in four steps.
 Beside them, `refusals` lists every reason to refuse a plan, and `remedies` tries what is advised then.
 `feasibility` computes the acceleration that a singular point requires of any law, and the least duration.
 `path_modification` bends a path where nothing else helps. `neglected_effects` measures the torques that a
-plan leaves out, by another model on the same motion. `scenes` plans the scenes of a robot file, `plan_study`
-one motion for many values of parameters. `chain` begins plans on the way of others and joins plans;
-`joint_path` leads into other working modes. `saved` and `motion_table` write and read plan.json and
-motion.csv. `plan_facts` describes a plan in words. `planar_crossing` samples one crossing for a lesson.
+plan leaves out, by another model on the same motion; `motor_use` measures the shares of the limits that
+motors use. `scenes` plans the scenes of a robot file, `plan_study` one motion for many values of
+parameters. `chain` begins plans on the way of others and joins plans; `joint_path` leads into other
+working modes. `saved` and `motion_table` write and read plan.json and motion.csv. `plan_facts` describes
+a plan in words. `planar_crossing` samples one crossing for a lesson.
 """
 
 from framework.lazy_names import lazy_names

@@ -8,6 +8,7 @@ from framework.planning.feasibility import (
 )
 from framework.planning.joint_path import choose_joint_path, with_platform_joints
 from framework.planning.motion_table import Column, MotionTable
+from framework.planning.motor_use import MotorUse
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.optimal.peak_bound import PeakBound, bound_plan
 from framework.planning.options import PlanOptions
@@ -25,6 +26,7 @@ __all__ = [
     "CrossingPlan",
     "Feasibility",
     "MotionTable",
+    "MotorUse",
     "NeglectedEffect",
     "OptimalDurations",
     "Optimality",

@@ -28,7 +28,7 @@ from framework.laws.path import NO_KNOTS, Line, Part, Path, expect_path
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
-from framework.planning.request import SMOOTHNESS, specification_of
+from framework.planning.request import DRIVE_OPTIONS, SMOOTHNESS, specification_of
 from framework.planning.result import CrossingPlan
 from framework.tolerances import AT_REST, SEAM_JUMP, SEAM_JUMP_GROWTH
 
@@ -110,6 +110,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         path=path,
         torque_limit=_loosest_limit(plans, "torque_limit"),
         speed_limit=_loosest_limit(plans, "speed_limit"),
+        **_loosest_drives(plans),
         times=None,
         speeds=None,
         at=None,
@@ -278,6 +279,22 @@ def _loosest_limit(plans: Sequence[CrossingPlan], name: str) -> tuple[float | No
         return None
     limits = [getattr(specification_of(plan.robot, plan.request), name) for plan in plans]  # (n_a,) each
     return shortest_form(np.max(limits, axis=0))
+
+
+def _loosest_drives(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
+    """Return curves and RMS torques that all plans keep, as `_loosest_limit`, and the sum of their cycles."""
+    all_drives = [specification_of(plan.robot, plan.request).drives for plan in plans]
+    loosest: dict[str, Any] = dict.fromkeys(DRIVE_OPTIONS)
+    for option in DRIVE_OPTIONS:
+        if any(getattr(plan.request, option) is not None or plan.request.margin for plan in plans):
+            limits = [np.inf if drives is None else getattr(drives, option) for drives in all_drives]
+            loosest[option] = shortest_form(
+                np.max(np.broadcast_arrays(*limits, np.zeros(plans[0].robot.n_a)), axis=0)
+            )
+    cycles = [plan.request.cycle_time for plan in plans]
+    if any(cycles):
+        loosest["cycle_time"] = sum(cycle or plan.duration for cycle, plan in zip(cycles, plans, strict=True))
+    return loosest
 
 
 def _check_instant(plan: CrossingPlan, t: float) -> None:

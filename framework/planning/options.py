@@ -246,6 +246,31 @@ class PlanOptions:
         typed={"nargs": "+", "metavar": "N"},
         topic=LIMITS,
     )
+    corner_speed: Limit = _option(  # noqa: RUF009 - frozen
+        "speed [rad/s] up to which the motors have their largest torque, which falls from there to zero at "
+        "the no-load speed; as speed-limit",
+        ". A motor that brakes keeps its largest torque. By default those of the robot file; curves of "
+        "motors without a torque limit do not count",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
+    )
+    no_load_speed: Limit = _option(  # noqa: RUF009 - frozen
+        "speed [rad/s] at which the motors have no torque left; as speed-limit",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
+    )
+    rms_torque_limit: Limit = _option(  # noqa: RUF009 - frozen
+        "largest root mean square of the torque [N m] over the motion, or the cycle; as torque-limit",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
+    )
+    cycle_time: float | None = _option(
+        "time [s] in which the motion is repeated, over which torques are averaged for rms-torque-limit",
+        ". For the rest of it the motors are without torque, as with brakes; by default there is no rest",
+        check=_seconds,
+        typed={"type": float, "metavar": "T"},
+        topic=LIMITS,
+    )
     margin: float = _option(
         "share of the limits left free, such as 10% or 0.1",
         " (a number in Python), for the controllers",
@@ -292,6 +317,7 @@ class PlanOptions:
 
 
 OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(PlanOptions)}
+DEFAULTS: dict[str, Any] = {one.name: one.default for one in fields(PlanOptions)}
 TYPED = {name: option for name, option in OPTIONS.items() if option.typed is not None}
 
 

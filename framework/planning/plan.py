@@ -38,6 +38,7 @@ from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_tim
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.joint_path import JointPath, with_platform_joints
+from framework.planning.motor_use import find_largest_use
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
@@ -172,8 +173,8 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
         if request.may_be_optimal:
             return _plan_optimal(to_cross, request, needs)
         raise NoLaw(
-            f"{plan.robot.name}: {needs}; torque_limit and speed_limit none (inf in Python) lift those of "
-            f"the robot file"
+            f"{plan.robot.name}: {needs}{_drives_text(plan)}; torque_limit and speed_limit none (inf in "
+            f"Python) lift those of the robot file, rms_torque_limit none that of RMS torques"
         )
     if not request.may_be_optimal or request.speeds is not None or request.times is not None:
         return plan
@@ -260,6 +261,14 @@ def _plan_polynomial_within_limits(
 def _limit_ratio(plan: CrossingPlan) -> float:
     """Return the largest ratio of a torque or speed of a plan to its limit."""
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
+
+
+def _drives_text(plan: CrossingPlan) -> str:
+    """Return the largest use of motors in words if it is that of a curve or an RMS torque, else nothing."""
+    use = find_largest_use(plan.dynamics, specification_of(plan.robot, plan.request))
+    if use is None or use.limit in ("torque", "speed"):
+        return ""
+    return f": {use.sentence}"
 
 
 def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:

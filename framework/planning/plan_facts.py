@@ -19,8 +19,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OptimalLaw
 from framework.model.description import FrameWrench
 from framework.numerics.arrays import Array
+from framework.planning.motor_use import CURVE
 from framework.planning.neglected_effects import NeglectedEffect
-from framework.planning.request import PEAK_SAMPLES
+from framework.planning.request import PEAK_SAMPLES, specification_of
 from framework.planning.result import Crossing, CrossingPlan
 from framework.singularity.type2 import moves_point
 from framework.tolerances import FILE_ROUNDING
@@ -80,7 +81,19 @@ def motion_facts(plan: CrossingPlan) -> list[Fact]:
     torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
     left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
     certificate, warnings = _certificate_summary(plan), _warning_facts(plan)
-    return [*wrenches, *_crossing_facts(plan), torque, *certificate, *left_out, *warnings]
+    return [*wrenches, *_crossing_facts(plan), torque, *_use_facts(plan), *certificate, *left_out, *warnings]
+
+
+def _use_facts(plan: CrossingPlan) -> list[Fact]:
+    """Return the shares of its limits that each motor uses; none without curves or RMS limits."""
+    if specification_of(plan.robot, plan.request).drives is None:
+        return []
+    by_joint: dict[str, list[str]] = {}
+    for use in plan.motor_use:
+        place = f" ({use.size_text}, t = {use.time:.4g} s)" if use.limit == CURVE else ""
+        by_joint.setdefault(use.joint, []).append(f"{100 * use.ratio:.1f} % of its {use.limit}{place}")
+    texts = [f"{joint} {', '.join(shares)}" for joint, shares in by_joint.items()]
+    return [Fact("" if number else "motors use", text) for number, text in enumerate(texts)]
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:

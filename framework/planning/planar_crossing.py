@@ -192,5 +192,6 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             smoothness=PATH_SMOOTHNESS,
             torque_limit=np.inf,  # instead of the file's limits: the reader of a lesson sets them
             speed_limit=np.inf,
+            rms_torque_limit=np.inf,
         )
     return PlanarCrossing(searched, robots, plans)

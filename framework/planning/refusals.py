@@ -295,7 +295,7 @@ def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
     Args:
         limits: the advised limits (n_a,), motor side, by the name of their option; all are needed together.
     """
-    units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
+    units = {name: robot.torque_units if "torque" in name else robot.speed_units for name in limits}
     words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
     return f"{' with '.join(words)} would do"
 

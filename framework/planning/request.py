@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.dynamics.drive_limits import DriveLimits, curve_ratios, drive_limits, rms_torques
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.motor_friction import motor_friction
 from framework.dynamics.motor_limits import is_limited, motor_limits, shortest_form
@@ -25,8 +26,10 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Smoothstep
 from framework.laws.path import Path, expect_path
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import peak_sizes
-from framework.planning.options import OPTIONS, PlanOptions, takes_options
+from framework.planning.options import DEFAULTS, OPTIONS, PlanOptions, takes_options
 
+DRIVE_OPTIONS = ("corner_speed", "no_load_speed", "rms_torque_limit")  # limits of `DriveLimits`
+MOTOR_LIMITS = ("torque_limit", "speed_limit", *DRIVE_OPTIONS)
 SMOOTHNESS = {True: 4, False: 2}  # order up to which derivatives of s vanish at both ends, by "has springs"
 MOTION_SAMPLES = 1001  # equidistant values of s, or instants, at which a path or a motion is measured
 PEAK_SAMPLES = 2 * MOTION_SAMPLES - 1  # instants at which peaks are located and limits are checked
@@ -66,13 +69,21 @@ class Request(PlanOptions):
             "geometry": checked_geometry(robot, options.get("geometry")),
             "smoothness": checked_smoothness(robot, options.get("smoothness")),
         }
-        limits = {}
-        for name in ("torque_limit", "speed_limit"):
-            limits[name] = motor_limits(robot, name, options.get(name))
-            if options.get(name) is not None:
-                filled_in[name] = shortest_form(limits[name])
+        limits = {
+            name: motor_limits(robot, name, options.get(name)) for name in ("torque_limit", "speed_limit")
+        }
+        for name in options.keys() & MOTOR_LIMITS:
+            if options[name] is not None:
+                stated = limits[name] if name in limits else motor_limits(robot, name, options[name])
+                filled_in[name] = shortest_form(stated)
         request = Request(path=path, **{**options, **filled_in})
         request.external_wrenches.check_frames(robot)
+        drives: dict[str, Any] = {name: filled_in[name] for name in DRIVE_OPTIONS if name in filled_in}
+        has_drives = drive_limits(robot, limits["torque_limit"], **drives) is not None
+        if has_drives and request.torque_sharing == "free":
+            raise InvalidInput(
+                "torque_sharing: least_norm alone with torque-speed curves or RMS torques of motors"
+            ).advising({"torque_sharing": None})
         if robot.n_e and request.torque_sharing == "free":
             raise InvalidInput(
                 "torque_sharing: elastic robots have least_norm alone, as their springs deflect with the "
@@ -90,10 +101,14 @@ class Request(PlanOptions):
         expect_path(self.path)
         for name, option in OPTIONS.items():
             value = getattr(self, name)
-            is_left_open = value is None and getattr(PlanOptions, name) is None  # None is the default
+            is_left_open = value is None and DEFAULTS[name] is None  # None is the default
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
+        if self.cycle_time is not None and self.cycle_time < (self.duration or 0.0):
+            raise InvalidInput(
+                f"cycle_time: must be at least the duration {self.duration:g} s, got {self.cycle_time:g} s"
+            )
         for name in ("start_speed", "end_speed"):
             count = len(getattr(self, name) or ())
             if count > self.smoothness:
@@ -158,8 +173,12 @@ class Request(PlanOptions):
     @property
     def bounded(self) -> bool:
         """Whether motor limits, a margin, a longest duration or a goal are stated."""
-        limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
-        return limits or self.optimize is not None or self.longest is not None
+        if self.margin > 0 or self.optimize is not None or self.longest is not None:
+            return True
+        limits = [self.torque_limit, self.speed_limit]
+        limits += [self.corner_speed, self.no_load_speed, self.rms_torque_limit]
+        stated = [limit for limit in limits if limit is not None]
+        return any(map(is_limited, stated))
 
     def _check_crossings(
         self,
@@ -220,9 +239,7 @@ class Request(PlanOptions):
         The changed request is made, and where it contradicts itself in other options, their remedy is added.
         None leaves an option out.
         """
-        options = {
-            name: getattr(PlanOptions, name) if value is None else value for name, value in change.items()
-        }
+        options = {name: DEFAULTS[name] if value is None else value for name, value in change.items()}
         try:
             replace(self, **options)
         except InvalidInput as other:
@@ -270,6 +287,7 @@ class Specification(ReadOnlyArrays):
     smoothness: order up to which derivatives of s are given at both ends.
     friction: (n_a,) dry friction, which is part of the motors' torques [N m], motor side.
     ends: the derivatives of s at ends in motion; the others vanish.
+    drives: torque-speed curves and RMS torque limits; None without any.
     shares_freely: whether redundant motors share the load as the goal and the limits ask for; otherwise
         their torques are those of least norm.
     """
@@ -284,10 +302,16 @@ class Specification(ReadOnlyArrays):
     ends: Ends = REST
     times: tuple[float, ...] = ()
     shares_freely: bool = False
+    drives: DriveLimits | None = None
 
     def scale_limits(self, share: float) -> Specification:
         """Return the specification with its limits multiplied by `share`."""
-        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
+        return replace(
+            self,
+            torque_limit=self.torque_limit * share,
+            speed_limit=self.speed_limit * share,
+            drives=None if self.drives is None else self.drives.scale(share),
+        )
 
     @property
     def phi(self) -> Smoothstep:
@@ -330,17 +354,32 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
     The robot file has the limits that the request does not state.
     """
     share = 1.0 - request.margin
+    torque_limit = motor_limits(robot, "torque_limit", request.torque_limit)
+    drives = drive_limits(
+        robot,
+        torque_limit,
+        request.corner_speed,
+        request.no_load_speed,
+        request.rms_torque_limit,
+        request.cycle_time,
+    )
+    longest = request.longest
+    if request.duration is None and drives is not None and request.cycle_time is not None:
+        longest = min(longest or np.inf, request.cycle_time)  # the motion ends within its cycle
+    # torques are distributed within torque limits alone
+    shares_freely = robot.n_a > robot.n and not robot.n_e and drives is None
     return Specification(
         goal=request.goal,
         duration=request.duration,
-        longest=request.longest,
-        torque_limit=share * motor_limits(robot, "torque_limit", request.torque_limit),
+        longest=longest,
+        torque_limit=share * torque_limit,
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,
         ends=request.ends,
         times=tuple(request.times or ()),
         friction=motor_friction(robot, request.friction),
-        shares_freely=robot.n_a > robot.n and not robot.n_e and request.torque_sharing != "least_norm",
+        drives=None if drives is None else drives.scale(share),
+        shares_freely=shares_freely and request.torque_sharing != "least_norm",
     )
 
 
@@ -389,12 +428,17 @@ def share_within(
 
 def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
     """Return the largest ratio of a motion's torques and speeds to the specified limits; 0 without limits."""
-    if not (specification.limited or specification.limited_speeds):
+    drives = specification.drives
+    if not (specification.limited or specification.limited_speeds or drives is not None):
         return 0.0
     torque, speed = motor_peaks(dynamics)
-    torque_ratio = (torque / specification.torque_limit).max()
-    speed_ratio = (speed / specification.speed_limit).max()
-    return float(max(torque_ratio, speed_ratio))
+    ratios = [torque / specification.torque_limit, speed / specification.speed_limit]
+    if drives is not None:
+        ratios += [
+            curve_ratios(dynamics, drives),
+            rms_torques(dynamics, drives.cycle_time) / drives.rms_torque_limit,
+        ]
+    return float(np.max(ratios))
 
 
 def largest_by_unit(robot: ParallelRobot, torques: Array) -> Array:

@@ -29,8 +29,16 @@ from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, PathToCross
 from framework.planning.crossing_tracker import CrossingTracker
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
+from framework.planning.motor_use import MotorUse, motor_uses
 from framework.planning.neglected_effects import NeglectedEffect, neglected_effects, neglected_friction
-from framework.planning.request import PEAK_SAMPLES, Request, Specification, motor_peaks
+from framework.planning.request import (
+    MOTOR_LIMITS,
+    PEAK_SAMPLES,
+    Request,
+    Specification,
+    motor_peaks,
+    specification_of,
+)
 from framework.tolerances import SAME_PLACE
 
 
@@ -183,6 +191,11 @@ class CrossingPlan:
         """The effects that the torques leave out, each with its torque, the largest first."""
         return neglected_effects(self.dynamics)
 
+    @cached_property
+    def motor_use(self) -> tuple[MotorUse, ...]:
+        """The largest ratio of each motor to each of its limits, less the margin; none without limits."""
+        return tuple(motor_uses(self.dynamics, specification_of(self.robot, self.request)))
+
     @property
     def exceeded(self) -> dict[str, str]:
         """Exceeded limits in words, by joint, motors first.
@@ -215,6 +228,16 @@ class CrossingPlan:
                 size, bound = format_distinct(peaks[k], limits[k])
                 excess = f"{quantity} {size} {units[k]} of {bound} at s = {s_peaks[k]:.4g}"
                 yield robot.actuator_names[k], excess
+        yield from self._drive_excesses()
+
+    def _drive_excesses(self) -> Iterator[tuple[str, str]]:
+        """Yield each motor beyond a curve or an RMS torque of the robot file, with the excess in words."""
+        no_limits: dict[str, Any] = dict.fromkeys(MOTOR_LIMITS)
+        of_file = replace(self.request, **no_limits, margin=0.0)
+        specification = specification_of(self.robot, of_file)
+        for use in motor_uses(self.dynamics, specification) if specification.drives is not None else ():
+            if use.ratio > 1.0 and use.limit not in ("torque", "speed"):
+                yield use.joint, f"{use.limit}: {use.sentence}"
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield each joint that exceeds a position limit of the URDF, with the excess in words."""

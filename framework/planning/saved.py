@@ -132,6 +132,7 @@ _PLAN_TABLE: Table = {
         or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY_TABLE, others=("optimize",)))
     ),
     "seconds": required(not_negative),
+    "motor_use": optional(anything),  # not in plans of version 0.8
     **dict.fromkeys(_COMPUTED, required(anything)),
 }
 
@@ -181,6 +182,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             },
             **_compared_document(plan),
             "exceeded": plan.exceeded,
+            "motor_use": [use._asdict() for use in plan.motor_use],
             "neglected_friction": plan.neglected_friction,
             "neglected": [effect._asdict() for effect in plan.neglected],
             "certificate": asdict(plan.certificate),

@@ -17,7 +17,7 @@ from framework.model.description import Scene
 from framework.model.documents import prefix_errors
 from framework.planning.options import OPTIONS
 from framework.planning.plan import plan_request
-from framework.planning.request import Request
+from framework.planning.request import MOTOR_LIMITS, Request
 from framework.planning.result import CrossingPlan
 
 
@@ -100,7 +100,7 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
         stated["optimize"] = None
 
     # its times and speeds give way to an optimal law
-    has_limits = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
+    has_limits = any(is_limited(options.get(key)) for key in MOTOR_LIMITS)
     combined = {**stated, **options}
     has_goal = any(combined.get(key) is not None for key in ("optimize", "longest", "margin"))
     if options.get("law") == "optimal" or has_goal or has_limits:

@@ -11,6 +11,7 @@ row stays bounded and sparse.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -36,6 +37,8 @@ from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
 from framework.planning.request import Specification
 
+# speeds over the no-load speed: the least and, without a law, the first about which roots of z are linearised
+LEAST_TANGENT, FIRST_TANGENT = 1e-3, 0.25
 POLE_WIDTH = 0.05  # distance in xi from a crossing within which the pole is removed from torque rows
 
 
@@ -44,7 +47,10 @@ class LawProblem(NamedTuple):
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     stops: sigma at which the required times of crossings, if any, must hold.
-    z0: the squared speed about which damping is linearised; None leaves damping out.
+    z0: the squared speed about which damping and limits of drives are linearised; None leaves damping out.
+        With a response, limits of drives are linearised about its z.
+    average_over: time [s] over which squared torques are averaged if the duration is open and no cycle is
+        stated; None leaves RMS limits out.
     sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
     degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
@@ -58,6 +64,7 @@ class LawProblem(NamedTuple):
     conditions: Array
     stops: tuple[float, ...] = ()
     z0: SquaredSpeed | None = None
+    average_over: float | None = None
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
     degree: int | None = None
@@ -117,6 +124,43 @@ class LawProblem(NamedTuple):
         return self._replace(task=task, chosen_reference=self.reference)
 
     @property
+    def averaging_time(self) -> float | None:
+        """The time [s] over which squared torques are averaged; None if open, before a law."""
+        return self.stated_time or self.average_over
+
+    @property
+    def stated_time(self) -> float | None:
+        """The time [s] of a cycle or of the motion; None if open."""
+        drives = self.specification.drives
+        cycle_time = None if drives is None else drives.cycle_time
+        return cycle_time or self.specification.duration
+
+    def linearised_about(self, z: SparseRows, sigma: Array) -> Array | None:
+        """Return the squared speed (M,) about which limits of drives are linearised; None before a law.
+
+        Args:
+            z: rows (M, n) of the squared speed at sigma (M,).
+        """
+        if self.response is not None:
+            return np.maximum(z @ self.response.y, np.finfo(float).tiny)
+        return None if self.z0 is None else self.z0(sigma)
+
+    @property
+    def is_linearised(self) -> bool:
+        """Whether damping or limits of drives are linearised about a law, so that a next law is sought."""
+        drives = self.specification.drives
+        if drives is None:
+            return self.task.robot.is_damped
+        return self.task.robot.is_damped or bool(drives.curved.any()) or self.averages_open_duration
+
+    @property
+    def averages_open_duration(self) -> bool:
+        """Whether squared torques are averaged over a duration that is open."""
+        drives = self.specification.drives
+        has_rms = drives is not None and bool(np.isfinite(drives.rms_torque_limit).any())
+        return has_rms and self.stated_time is None
+
+    @property
     def instants(self) -> Instants:
         """The required instants of crossings, and the duration if it is required."""
         return self.instants_until(self.specification.duration)
@@ -171,6 +215,7 @@ class MotorRows(NamedTuple):
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
     squared_speed: tuple[SparseRows, ...]  # (M, n) of each motor with a speed limit, over the squared limit
     internal: tuple[SparseRows, ...] = ()  # of each redundant motor, (M, n r) on coefficients x (n r,) [N m]
+    curve: tuple[Affine, ...] = ()  # (M, n) of each motor with a torque-speed curve, 1 on the curve
 
     def torques(self, y: Array, x: Array) -> list[Array]:
         """Compute the torque (M,) [N m] of each motor from coefficients y (n,) and x (n r,)."""
@@ -181,11 +226,14 @@ class MotorRows(NamedTuple):
 
     def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
-        torque = tuple(
-            Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in self.torque
-        )
-        others = (self.squared_speed, self.internal)
-        return MotorRows(torque, *(tuple(SparseRows.of(weights @ rows) for rows in part) for part in others))
+        torque, curve = [
+            [Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in rows]
+            for rows in (self.torque, self.curve)
+        ]
+        squared_speed, internal = [
+            [SparseRows.of(weights @ rows) for rows in part] for part in (self.squared_speed, self.internal)
+        ]
+        return MotorRows(tuple(torque), tuple(squared_speed), tuple(internal), tuple(curve))
 
     def largest_limit_ratio(self, y: Array, x: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
@@ -199,17 +247,16 @@ class MotorRows(NamedTuple):
         """
         ratios = [np.abs(torque) / limit for torque, limit in zip(self.torques(y, x), allowed, strict=True)]
         ratios += [rows @ y for rows in self.squared_speed]
+        ratios += [curve(y) for curve in self.curve]
         return np.asarray(np.max(ratios, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
         """Return the rows, with the rows of `other` below."""
-        torques = zip(self.torque, other.torque, strict=True)
-        speeds = zip(self.squared_speed, other.squared_speed, strict=True)
-        internal = zip(self.internal, other.internal, strict=True)
         return MotorRows(
-            tuple(_stack_affine(upper, lower) for upper, lower in torques),
-            tuple(upper.append(lower) for upper, lower in speeds),
-            tuple(upper.append(lower) for upper, lower in internal),
+            tuple(map(_stack_affine, self.torque, other.torque)),
+            tuple(map(SparseRows.append, self.squared_speed, other.squared_speed)),
+            tuple(map(SparseRows.append, self.internal, other.internal)),
+            tuple(map(_stack_affine, self.curve, other.curve)),
         )
 
 
@@ -224,7 +271,7 @@ def motor_rows(
     """Compute rows of torques and squared speeds at xi (M,), without poles.
 
     No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
-    of c; damping is linearised.
+    of c; damping and torque-speed curves are linearised.
 
     Args:
         basis: the functions of xi whose combination is z.
@@ -232,10 +279,11 @@ def motor_rows(
         frames: `LawProblem.internal_frames` on the cells of the basis.
     """
     if problem.response is not None:
-        return _rows_of_response(problem.response, problem.specification, basis, xi)
+        return _rows_of_response(problem, problem.response, basis, xi)
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
-    c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
+    z0 = problem.z0 if problem.z0 is not None and problem.task.robot.is_damped else None
+    c, cz, cu = required.linearise_damping(None if z0 is None else z0(sigma))
     c = c + required.friction(problem.specification.friction)
 
     # z and u as rows (M, n) on the coefficients of z
@@ -248,14 +296,17 @@ def motor_rows(
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
     speeds = _squared_speed_rows(required.speed, problem.specification, z)
     if frames is None:
-        return MotorRows(tuple(torques), speeds)
-    assert required.internal is not None
+        if problem.specification.drives is None:
+            return MotorRows(tuple(torques), speeds)
+        curves = _curve_rows(problem, torques, required.speed, z, sigma)
+        return MotorRows(tuple(torques), speeds, curve=curves)
+    assert required.internal is not None  # of motors without curves
     internal = InternalSplines(basis.cells).matrix(xi)
     return MotorRows(tuple(torques), speeds, internal_rows(required.internal, internal, frames))
 
 
 def _rows_of_response(
-    response: TorqueResponse, specification: Specification, basis: SpeedBasis, xi: Array
+    problem: LawProblem, response: TorqueResponse, basis: SpeedBasis, xi: Array
 ) -> MotorRows:
     """Compute rows of torques and squared speeds at xi (M,) from a torque response.
 
@@ -265,13 +316,16 @@ def _rows_of_response(
         response: the torques linearised about a motion in balance.
         basis: the functions of xi whose combination is z.
     """
+    specification = problem.specification
     speed = response.speed(xi)
     torque = response.torque(xi)
     slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     motors = range(torque.shape[1])
     torques = tuple(Affine(SparseRows.of(slopes[:, j]), offset[:, j]) for j in motors)
-    return MotorRows(torques, _squared_speed_rows(speed, specification, basis.matrix(xi)))
+    z = basis.matrix(xi)
+    curves = _curve_rows(problem, torques, speed, z, problem.sigma(xi))
+    return MotorRows(torques, _squared_speed_rows(speed, specification, z), curve=curves)
 
 
 def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
@@ -286,6 +340,40 @@ def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRow
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
     return tuple(z.scale(ratio**2) for ratio in ratios.T)
+
+
+def _curve_rows(
+    problem: LawProblem, torques: Sequence[Affine], speed: Array, z: SparseRows, sigma: Array
+) -> tuple[Affine, ...]:
+    """Compute rows (M, n) of (k T + w) / w_0 for motors with a torque-speed curve, T > 0 along w.
+
+    The speed w = |q'| sqrt(z) is concave in z, so that its tangent (w_t + w^2 / w_t) / 2 at any w_t > 0 is no
+    less: laws within the rows are within the curve. w_t is the speed at the squared speed z0. Up to the
+    corner speed the torque limit implies the curve, so that w_t need not be less than that.
+
+    Args:
+        torques: of all motors [N m], affine in the coefficients of z.
+        speed: (M, n_a) of the motors over d sigma/dt.
+        z: rows (M, n) of the squared speed (d sigma/dt)^2.
+        sigma: (M,) of the points.
+    """
+    drives = problem.specification.drives
+    if drives is None:
+        return ()
+    z0 = problem.linearised_about(z, sigma)
+    curves = []
+    for k in np.flatnonzero(drives.curved).tolist():
+        no_load = drives.no_load_speed[k]
+        tangent_at = np.full(len(sigma), FIRST_TANGENT * no_load)
+        if z0 is not None:
+            tangent_at = np.maximum(np.abs(speed[:, k]) * np.sqrt(z0), LEAST_TANGENT * no_load)
+        tangent_at = np.maximum(tangent_at, drives.corner_speed[k])
+        per_torque = drives.per_torque[k] * np.where(speed[:, k] < 0.0, -1.0, 1.0)
+        torque = torques[k]
+        squared_speed = z.scale(0.5 * speed[:, k] ** 2 / (tangent_at * no_load))
+        matrix = torque.matrix.scale(per_torque) + squared_speed
+        curves.append(Affine(matrix, per_torque * torque.offset + 0.5 * tangent_at / no_load))
+    return tuple(curves)
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:

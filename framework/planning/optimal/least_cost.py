@@ -118,7 +118,8 @@ def find_least_cost(
     # the least peak is within the torque limits, or a program with them is solved
     if goal == "peak_torque" and problem.specification.limited and torque_limits:
         unlimited = find_least_cost(problem, cells, torque_limits=False, units=units)
-        if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
+        has_drives = problem.specification.drives is not None
+        if isinstance(unlimited, NoneFound) or (unlimited.speed.peak <= 1.0 and not has_drives):
             return unlimited
         return solve_least_cost(SpeedProgram.on_cells(problem, unlimited.program.cells))
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
+from framework.dynamics.drive_limits import curve_ratios
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.restoration import BalanceSolution
@@ -35,6 +36,7 @@ from framework.errors import (
 )
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
+from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import check_rest, find_law_in_balance
 from framework.planning.optimal.least_softening import find_least_softening
@@ -45,8 +47,16 @@ from framework.planning.optimal.optimal_task import (
     find_crossing_points,
 )
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
-from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
-from framework.planning.refusals import PRINTED_DIGITS, SearchEvidence, StaticFold, advice_of
+from framework.planning.optimal.smooth_search import NEARLY_REACHED
+from framework.planning.optimal.undeformed_law import (
+    adapt_found_law,
+    find_law,
+    problem_of,
+    settle_tangents,
+    solve_problem,
+    suggest_time,
+)
+from framework.planning.refusals import PRINTED_DIGITS, LeastLimits, SearchEvidence, StaticFold, advice_of
 from framework.planning.request import limit_excess, motor_peaks, share_within
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
@@ -60,6 +70,7 @@ from framework.tolerances import (
 # shares of z by which a law may differ from that about which torques are linear; the next one after a failure
 TRUSTED_SHARES = (np.inf, 0.3, 0.1)
 MAX_PASSES = 12  # of optimising a law and resolving its motion
+LONGER_DURATIONS = (1.0, 1.02, 1.1)  # over the quickest, tried in turn as remedies
 MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflected robot is singular
 ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
@@ -115,6 +126,15 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
+    if task.specification.drives is not None and task.to_cross.explained:
+        try:
+            return _find_motion(task._replace(to_cross=replace(task.to_cross, explained=False)))
+        except (NoLaw, NotConverged):
+            plain = replace(task.specification, drives=None)
+            motion = optimal_motion(task._replace(specification=plain))  # whose refusal has other reasons
+            if limit_excess(motion.dynamics, task.specification) <= 1.0:
+                return motion
+            raise _refuse_drives(task, motion) from None
     try:
         return _find_motion(task)
     except NoLaw as refusal:
@@ -123,6 +143,59 @@ def optimal_motion(task: Task) -> OptimalMotion:
             if evidence.limits is not None:
                 refusal.args = (f"{refusal}; {advice_of(task.robot, evidence.limits)}",)
         raise
+
+
+def _try_motion(task: Task, **changes: Any) -> OptimalMotion | None:
+    """Return a certified motion of a task with changes of its specification; None without one."""
+    to_cross = replace(task.to_cross, explained=False)
+    specification = replace(task.specification, **changes)
+    try:
+        return _find_motion(task._replace(to_cross=to_cross, specification=specification))
+    except (NoAnswer, InvalidInput):
+        return None
+
+
+def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
+    """Return the refusal of a task for which only a motion beyond curves or RMS limits was found.
+
+    Advised are the least duration found within all limits, or curves and RMS limits that hold the motion.
+
+    Args:
+        plain: the best motion within the other limits.
+    """
+    specification = task.specification
+    drives = specification.drives
+    assert drives is not None
+    use = find_largest_use(plain.dynamics, specification)
+    assert use is not None
+    quickest = None
+    if specification.max_duration is not None:
+        motion = _try_motion(task, goal="time", duration=None, longest=None)
+        quickest = None if motion is None else motion.dynamics.duration
+    share = 1.0 - task.request.margin
+    raised = raise_drives(plain.dynamics, drives, share)
+    least = LeastLimits(None, None, together=True, options=[raised])
+    evidence = SearchEvidence(len(plain.best.program.cells) - 1, least, quickest)
+    bound = "longest" if specification.duration is None else "duration"
+    for ratio in LONGER_DURATIONS:
+        if quickest is None:
+            break
+        duration = round_up(ratio * quickest, PRINTED_DIGITS)
+        if _try_motion(task, **{bound: duration}) is not None:
+            evidence = evidence._replace(duration=duration)
+            break
+    words = ""
+    loosened: dict[str, Any] = {name: share * limit for name, limit in raised.items()}
+    looser = drives._replace(**loosened)
+    if evidence.duration is None and _try_motion(task, drives=looser) is not None:
+        evidence = evidence._replace(limits=raised)
+        words = f"; {advice_of(task.robot, raised)}"
+    found = "" if quickest is None else f"; within all limits the quickest law found takes {quickest:.4g} s"
+    return NoLaw(
+        f"{task.robot.name}: no law of free shape was found within the limits of drives: under the best law "
+        f"within the other limits {use.sentence}{found}{words}",
+        evidence=evidence,
+    )
 
 
 def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
@@ -135,13 +208,7 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
 
     def has_motion(**changes: Any) -> bool:
         """Return whether a motion is certified with changes of the specification."""
-        to_cross = replace(task.to_cross, explained=False)
-        specification = replace(task.specification, **changes)
-        try:
-            _find_motion(task._replace(to_cross=to_cross, specification=specification))
-        except (NoAnswer, InvalidInput):
-            return False
-        return True
+        return _try_motion(task, **changes) is not None
 
     if evidence.start_speed is not None:
         slower = task.specification.ends._replace(start=evidence.start_speed)
@@ -180,7 +247,8 @@ def _find_motion(task: Task) -> OptimalMotion:
             stages = CAPPED_STAGES[3:] if robot.n_a > robot.n else CAPPED_STAGES
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
-        return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
+        sampled = sample_demand(task)
+        return _ElasticSearch(task, task, points, sampled, stages, _first_law(task, points, sampled)).run()
     best = find_law(task, points)
     for share in RIGID_SHARES:
         try:
@@ -188,6 +256,17 @@ def _find_motion(task: Task) -> OptimalMotion:
         except NotConverged:
             best = adapt_found_law(task, points, best, share=share)
     return _certify_law(task, points, best)
+
+
+def _first_law(task: Task, points: Sequence[SingularPoint], sampled: SampledDemand | None) -> Best | None:
+    """Return the undeformed law about which limits of drives are linearised first; None without such limits.
+
+    First laws of elastic robots leave damping out, so that with damping there is none.
+    """
+    if task.specification.drives is None or task.robot.is_damped:
+        return None
+    result = settle_tangents(problem_of(task, points)._replace(sampled=sampled), points)
+    return result if isinstance(result, Best) else None
 
 
 def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> OptimalMotion:
@@ -228,6 +307,7 @@ class _ElasticSearch:
     points: the crossing points of the undeformed robot.
     sampled: the demand on the motors of the undeformed robot.
     stages: the stages of laws, those of splines last.
+    first_law: the law about which limits of drives are linearised before the first motion.
     stage: index of the stage of the next law.
     share: share of the least cost by which a smooth law may exceed it; None for the stage's own.
     failures: number of failures since there is a best motion.
@@ -246,6 +326,7 @@ class _ElasticSearch:
     points: Sequence[SingularPoint]
     sampled: SampledDemand | None
     stages: tuple[ElasticStage, ...]
+    first_law: Best | None = None
     stage: int = 0
     share: float | None = None
     failures: int = 0
@@ -401,6 +482,11 @@ class _ElasticSearch:
         if is_first_series or not has_own_limits:  # other laws are tried next: no explanation is needed yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
         problem = problem_of(task, self.points, self.places)
+        about = self.last_law or self.first_law  # drives are linearised about it
+        if self.first_law is not None:
+            problem = problem._replace(z0=self.first_law.law.squared_speed)
+        if about is not None and problem.averages_open_duration:
+            problem = problem._replace(average_over=suggest_time(about))
         degree = stage.degree if self.response is None else len(self.response.y) - 1
         problem = problem._replace(sampled=self.sampled, response=self.response, degree=degree)
         problem = problem._replace(trust=TRUSTED_SHARES[self.failures])
@@ -513,9 +599,21 @@ class _ElasticSearch:
 
 
 def _has_predicted_peak(motion: OptimalMotion) -> bool:
-    """Return whether a motion's peak torque agrees with the cone program's, within PEAK_TORQUE_MISMATCH."""
+    """Return whether a motion's peaks agree with the cone program's, within PEAK_TORQUE_MISMATCH.
+
+    They are the peak torque and, of curves that are nearly reached, the largest ratio.
+    """
     peak = float((motor_peaks(motion.dynamics)[0] / motion.best.reference).max())
-    return abs(peak / motion.best.peak - 1.0) < PEAK_TORQUE_MISMATCH
+    if abs(peak / motion.best.peak - 1.0) >= PEAK_TORQUE_MISMATCH:
+        return False
+    program, y = motion.best.program, motion.best.speed.y
+    drives = program.problem.specification.drives
+    if drives is None:
+        return True
+    ratios = curve_ratios(motion.dynamics, drives)[drives.curved]
+    predicted = np.array([curve(y).max() for curve in program.rows.curve])
+    is_off = np.abs(ratios - predicted) >= PEAK_TORQUE_MISMATCH
+    return not (is_off & (predicted > NEARLY_REACHED)).any()
 
 
 def _describe_cost(task: Task, motion: OptimalMotion) -> str:

@@ -10,12 +10,14 @@ holds for them too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.dynamics.torque_distribution import least_peak_torques
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.planning.crossing_points import PathToCross
@@ -24,7 +26,7 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries, cut_cells, resolve_series, uniform_cells
 from framework.planning.optimal.phase_plane import demand
 from framework.planning.result import CrossingPlan
-from framework.singularity.points_on_path import search_path
+from framework.singularity.points_on_path import SingularPoint, search_path
 from framework.tolerances import BOUND_MARGIN
 
 FIRST_CELLS, MAX_CELLS = 100, 400
@@ -86,7 +88,10 @@ def find_refuting_bound(task: Task) -> PeakBound | None:
 
 
 def bound_plan(plan: CrossingPlan) -> PeakBound | None:
-    """Compute a bound of the duration or peak that a plan's law minimises; None for other goals."""
+    """Compute a bound of the duration or peak that a plan's law minimises; None for other goals.
+
+    It counts neither torque-speed curves nor RMS torques: without them there are more laws.
+    """
     if plan.optimality is None or plan.optimality.specification.goal == "energy":
         return None
     specification = plan.optimality.specification
@@ -174,19 +179,37 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
         edges = cut_cells(task, proof.series.edges, parts)
 
 
-def _has_bound(task: Task, reference: Array) -> bool:
-    """Return whether bounds of a task are known.
+def explain_missing_bound(plan: CrossingPlan) -> str:
+    """Return why no bound of a plan's law is known, in words."""
+    if plan.optimality is not None and plan.optimality.specification.goal == "energy":
+        return "laws of least energy"
+    return (
+        _find_exclusion(plan.robot, search_path(plan.robot, plan.path).points)
+        or "this path: it is not proved"
+    )
 
-    They are known for a rigid robot with more motors that count than redundant ones, and transversal
-    crossings of corank 1.
+
+def _find_exclusion(robot: ParallelRobot, points: Sequence[SingularPoint]) -> str:
+    """Return the robots or paths without known bounds to which these belong, in words; empty if to none."""
+    if robot.n_e:
+        return "robots with springs"
+    if any(point.corank > 1 for point in points):
+        return "paths through points where several motions are uncontrolled"
+    if any(point.contact == "tangential" for point in points):
+        return "paths that touch the locus"
+    return ""
+
+
+def _has_bound(task: Task, reference: Array) -> bool:
+    """Return whether bounds of a task are known, for more motors that count than redundant ones.
 
     Args:
         reference: torques (n_a,) [N m]; infinite for motors that do not count.
     """
     robot = task.robot
-    if robot.n_e or np.isfinite(reference).sum() <= robot.n_a - robot.n:
+    if np.isfinite(reference).sum() <= robot.n_a - robot.n:
         return False
-    return all(point.corank == 1 and point.contact != "tangential" for point in task.to_cross.points)
+    return not _find_exclusion(robot, task.to_cross.points)
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:

@@ -337,7 +337,8 @@ class SmoothSearch(NamedTuple):
             goal: of `SpeedProgram.minimise`.
             similar: the speed of a similar law, with its floor.
         """
-        assert bounds.longest is not None
+        if bounds.longest is None:
+            return NoneFound(self.program, "no duration was found"), 0.0
         status = ""
         floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest.sum() ** 2  # the highest first
         if similar is not None and similar.floor > 0.0:

@@ -15,12 +15,14 @@ Source of the unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.drive_limits import DriveLimits
 from framework.dynamics.torque_distribution import InternalSplines, second_differences
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
@@ -45,6 +47,7 @@ from framework.tolerances import LIMIT_MARGIN
 POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
 POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
+RMS_TOLERANCE = 1e-6  # of programs with RMS limits, whose squared torques may lie anywhere below loose limits
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 
 
@@ -249,6 +252,12 @@ class SpeedProgram:
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
         return Speed(y, durations, peak, peak_speed, energy, least_duration, x=x)
 
+    def squared_torques(self, y: Array) -> Array:
+        """Integrate squared torques (n_a,) [N^2 m^2 s] over time, for the squared speed of coefficients y."""
+        slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
+        torque = np.stack([row(y) for row in self.rows.torque], axis=1)[self._inner_points]
+        return np.asarray((self._inner_weights * slowness) @ torque**2)
+
     def minimise(
         self,
         goal: str,
@@ -303,14 +312,23 @@ class SpeedProgram:
             y_0, durations, is_equal = about
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
+        powers = dict[str, Sequence[int]]()  # motors of squared torques over time, by unknown
+        drives = self.problem.specification.drives
+        if drives is not None and bounds.torque_limits and goal != "limits":
+            for motor, limit in self._rms_limits(drives, bounds).items():
+                nonnegative.append(self._bound_rms(motor, limit, units))
+                powers[f"e{motor}"] = [motor]
+            tolerance = max(tolerance, RMS_TOLERANCE) if powers else tolerance
+        if powered:
+            powers["e"] = list(range(len(self.rows.torque)))
 
         program = ConeProgram(
-            self._sizes(timed=timed, powered=powered),
+            self._sizes(powers, timed=timed),
             self._linear_cost(goal, weights, stage),
             self.curvature if goal == "curvature" else None,
             equal,
             nonnegative,
-            self._cones(units, timed=timed, powered=powered),
+            self._cones(units, powers, timed=timed),
         )
         optimum = solve_cone_program(program, tolerance=tolerance)
         if isinstance(optimum, Unsolved):
@@ -338,26 +356,24 @@ class SpeedProgram:
             highest = np.minimum(highest, (1.0 + problem.trust) * z)
         return lowest, highest
 
-    def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
+    def _sizes(self, powers: Mapping[str, Sequence[int]], *, timed: bool) -> dict[str, int]:
         """Return the number of unknowns of each name.
 
-        Each point has an r, a v if the duration counts, and an e if the energy counts.
+        Each point has an r, a v if the duration counts, and an unknown for each energy that counts.
 
         Args:
+            powers: motors whose torques count for an energy, by the name of its unknowns.
             timed: whether the duration counts.
-            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
         if self.frames is not None:
             sizes["x"] = self._internal_count
-        if timed or powered:
+        if timed or powers:
             sizes["r"] = count
         if timed:
             sizes["v"] = count
-        if powered:
-            sizes["e"] = count
-        return sizes
+        return sizes | dict.fromkeys(powers, count)
 
     def _linear_cost(self, goal: str, weights: Array | None, stage: int) -> dict[str, Array]:
         """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
@@ -396,6 +412,33 @@ class SpeedProgram:
             weights = SparseRows.of(-self._inner_weights[None])
             rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
         return rows
+
+    def _rms_limits(self, drives: DriveLimits, bounds: Bounds) -> dict[int, float]:
+        """Return the limits of RMS torques [N m], by motor.
+
+        Where the duration is open, they count from the second law on, over the time suggested by the first.
+
+        Args:
+            bounds: the share of the limits that may be used.
+        """
+        if self.problem.averaging_time is None:
+            return {}
+        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
+        return {motor: bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
+
+    def _bound_rms(self, motor: int, limit: float, units: Units) -> AffineRows:
+        """Return limit^2 T less the integral of a squared torque, as a row that must not be negative.
+
+        Args:
+            motor: index of the motor.
+            limit: RMS torque [N m] over the time T.
+            units: units of the program.
+        """
+        time = self.problem.averaging_time
+        assert time is not None
+        squared_limit = (limit / (self.problem.reference[motor] * units.torque)) ** 2
+        integral = {f"e{motor}": SparseRows.of(-self._inner_weights[None])}
+        return AffineRows(integral, np.array([squared_limit * time / units.time]))
 
     def _duration_tangents(self, y: Array, durations: Array, units: Units) -> AffineRows:
         """Return the rows T_lin(z) - duration of all stages with a finite duration.
@@ -439,6 +482,10 @@ class SpeedProgram:
             largest = self._largest_torque(motor, goal, bounds, units)
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
+        if bounds.torque_limits and goal != "limits":
+            for matrix, offset in self.rows.curve:
+                curve = AffineRows({"y": -(matrix / units.time**2)}, bounds.share - offset)
+                rows.append(_scale_large_rows(curve))
         for matrix in self.rows.squared_speed:  # of a motor, over its squared limit
             parts = {"y": -(matrix / units.time**2)}
             largest = bounds.share**2
@@ -494,7 +541,9 @@ class SpeedProgram:
         torques = np.stack([torque.offset[ends] for torque in self.rows.torque], axis=1)
         return np.asarray(np.abs(self.problem.least_peak(torques, self.xi[ends])).max(axis=0))
 
-    def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
+    def _cones(
+        self, units: Units, powers: Mapping[str, Sequence[int]], *, timed: bool
+    ) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
 
         They are r^2 <= z, v r >= 1 and e r >= |torque|^2. The first is 4 z >= (2 r)^2, that is
@@ -502,28 +551,29 @@ class SpeedProgram:
 
         Args:
             units: units of the program.
+            powers: motors whose torques count for an energy, by the name of its unknowns.
             timed: whether the duration counts.
-            powered: whether the energy counts.
         """
         count = self.z.shape[0]
         identity = SparseRows.identity(count)
         cones: list[list[AffineRows]] = []
-        if timed or powered:
+        if timed or powers:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
             cones.append([*z_plus_and_minus_1, linear_rows(r=2.0 * identity)])
         if timed:
             two = AffineRows({}, np.full(count, 2.0))  # v r >= 1 is 4 v r >= 2^2, as `product_cone` takes it
             cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
-        if powered:
-            inside = self._inner_points
+        inside = self._inner_points
+        torques = self._torques_in_units(units) if powers else []
+        for name, motors in powers.items():
             twice_torque = [
                 AffineRows(
-                    {name: 2.0 * matrix[inside] for name, matrix in torque.parts.items()},
-                    2.0 * torque.offset[inside],
+                    {part: 2.0 * matrix[inside] for part, matrix in torques[k].parts.items()},
+                    2.0 * torques[k].offset[inside],
                 )
-                for torque in self._torques_in_units(units)
+                for k in motors
             ]
-            cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
+            cones.append(product_cone({name: identity}, {"r": identity}, twice_torque))
         return cones
 
 

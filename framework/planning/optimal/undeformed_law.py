@@ -1,7 +1,7 @@
 """The best law of an undeformed robot, or of torques linear in the law, or the refusal if there is none.
 
-A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma. Viscous damping is linearised
-about the previous law, until the error of the linearised torque is small.
+A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma. Viscous damping, torque-speed
+curves and RMS torques over an open duration are linearised about the previous law, until errors are small.
 
 A failed search on cells proves nothing. Two bounds of every law do: the torque that holds the robot at rest
 at the ends, and the bound of the peak torque by duality (`peak_bound`). A refusal advises limits and
@@ -20,7 +20,7 @@ from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
 from framework.laws.optimal_law import OptimalLaw, Smoothstep
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
-from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
+from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows, motor_rows
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
 from framework.planning.optimal.optimal_task import (
     Task,
@@ -31,12 +31,19 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
+from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
-from framework.tolerances import BOUND_MARGIN, DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
+from framework.tolerances import (
+    BOUND_MARGIN,
+    DAMPING_TORQUE_ERROR,
+    DRIVE_SLACK,
+    LIMIT_MARGIN,
+    SMOOTHNESS_COST,
+)
 
-MAX_TANGENTS = 20  # linearisations of damping about the previous law
+MAX_TANGENTS = 20  # linearisations about the previous law
 SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
 MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
 
@@ -64,16 +71,18 @@ def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
         NotConverged: law and damping do not settle together, or the solver gave up.
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
-    result = _settle_damping(problem, points)
+    result = settle_tangents(problem, points)
     if isinstance(result, NoneFound):
         raise refuse_law(result.program.problem, points, result)
     return result
 
 
-def _settle_damping(
+def settle_tangents(
     problem: LawProblem, points: Sequence[SingularPoint], *, enough: float = 0.0
 ) -> Best | NoneFound:
-    """Find the best law, with damping linearised about the law itself.
+    """Find the best law, with damping and the limits of drives linearised about the law itself.
+
+    The rows of drives are inner approximations: each law is within the limits, and the next one is no worse.
 
     The tangent of sqrt(z) at the z0 of a law exceeds sqrt(z). So a problem without a law about one z0 may
     have one about another. The second z0 is that of the law of least peak without limits of torque.
@@ -86,31 +95,57 @@ def _settle_damping(
     Raises:
         NotConverged: law and damping do not settle together.
     """
+    longest = problem.specification.longest
+    has_drives = problem.specification.drives is not None
+    if has_drives and problem.specification.goal == "time" and longest is not None:
+        # inner approximations about other laws may ask for more time than the quickest law
+        result = settle_tangents(problem.with_goal("time", longest=None), points)
+        if isinstance(result, NoneFound) or result.law.duration <= longest:
+            return result
+        resumed = resume_law(result, result.program.problem.with_goal("time", longest=longest))
+        if isinstance(resumed, NoneFound):
+            return NoneFound(resumed.program, f"the quickest found takes {result.law.duration:.4g} s")
+        return resumed
     result = find_best_law(problem)
-    if not problem.task.robot.is_damped:
+    if not problem.is_linearised:
         return result
+    is_damped = problem.task.robot.is_damped
+    averages = problem.averages_open_duration
     is_about_least_peak = not problem.specification.limited
     for _ in range(MAX_TANGENTS):
         if isinstance(result, NoneFound):
             if is_about_least_peak:
                 return result
             is_about_least_peak = True
-            result = _settle_damping(_lift_torque_limits(problem), points, enough=1.0 - 2.0 * LIMIT_MARGIN)
+            result = settle_tangents(_lift_torque_limits(problem), points, enough=1.0 - 2.0 * LIMIT_MARGIN)
             if isinstance(result, NoneFound):
                 return result
-            problem = _linearise_damping(problem, points, result.law.squared_speed)
+            problem = _linearise(problem, points, result.law.squared_speed)
             result = find_best_law(problem)
             continue
-        problem = _linearise_damping(problem, points, result.law.squared_speed)
+        last = result
+        counts_all = not averages or problem.average_over is not None
+        problem = _linearise(problem, points, result.law.squared_speed)
+        if averages:
+            problem = problem._replace(average_over=suggest_time(result))
         resumed = resume_law(result, problem)
         if isinstance(resumed, NoneFound):  # search again, without the last law
             resumed = find_best_law(problem, result.program.cells)
         result = resumed
         if isinstance(result, NoneFound):
+            if counts_all and not is_damped:
+                return last
+            continue
+        is_settled = _drive_slack(problem, points, result) <= DRIVE_SLACK
+        if not is_damped:
+            if is_settled:
+                return result
             continue
         error = _tangent_error(problem, result)
-        if error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough:
+        if is_settled and (error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough):
             return result._replace(law=_meet_conditions(problem, points, result.law))
+    if not is_damped:  # the last law is within the limits of drives, and may be slower than needed
+        return result
     raise NotConverged(
         f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes",
         residual=error,
@@ -119,7 +154,8 @@ def _settle_damping(
 
 def _lift_torque_limits(problem: LawProblem) -> LawProblem:
     """Return the problem of least peak torque without limits of torque; the reference stays the same."""
-    return problem.with_goal("peak_torque", torque_limit=np.full_like(problem.reference, np.inf))
+    no_limit = np.full_like(problem.reference, np.inf)
+    return problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
 
 
 def adapt_found_law(
@@ -187,10 +223,57 @@ def solve_problem(
     return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
-def _linearise_damping(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
-    """Return the problem with damping linearised about the squared speed z0 of a law."""
+def _linearise(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
+    """Return the problem with damping and drives linearised about the squared speed z0 of a law."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
+
+
+def suggest_time(best: Best) -> float:
+    """Return the time [s] over which to average squared torques, by a law of open duration T.
+
+    Inertial torques fall with the square of time: where the largest RMS torque over T is e times its limit, a
+    law within the limit takes about T e^(1/2). At e = 1 this is T. The time is a little shorter, so that the
+    last law takes longer.
+    """
+    duration = best.speed.duration
+    return float((1.0 - 0.5 * DRIVE_SLACK) * duration * np.sqrt(_rms_ratio(best, duration)))
+
+
+def _rms_ratio(best: Best, time: float) -> float:
+    """Return the largest ratio of an RMS torque of a law over a time [s] to its limit."""
+    drives = best.program.problem.specification.drives
+    assert drives is not None
+    mean_squares = best.program.squared_torques(best.speed.y) / time
+    return float(np.max(np.sqrt(mean_squares) / drives.rms_torque_limit))
+
+
+def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Best) -> float:
+    """Compute the share of a limit of drives that a law leaves free because it is linearised elsewhere.
+
+    Where a curve is nearly reached, it is the difference of the ratios by the tangent and by the law itself.
+    RMS torques over a time that is longer than the law count as not settled; a shorter one leaves a share
+    free if they reach their limits.
+
+    Args:
+        problem: the problem that the law solves.
+        points: where condition (8) must hold.
+    """
+    drives = problem.specification.drives
+    if drives is None:
+        return 0.0
+    program, y = best.program, best.speed.y
+    slack = 0.0
+    if problem.average_over is not None:
+        missing = 1.0 - problem.average_over / best.speed.duration
+        is_reached = _rms_ratio(best, problem.average_over) > NEARLY_REACHED
+        slack = np.inf if missing < 0.0 and is_reached else 0.5 * missing * is_reached
+    about_itself = _linearise(problem, points, best.law.squared_speed)
+    rows = motor_rows(about_itself, program.basis, program.conditions, program.xi, program.frames)
+    for curve, own in zip(program.rows.curve, rows.curve, strict=True):
+        ratio = curve(y)[: len(program.xi)]
+        slack = max(slack, np.max((ratio - own(y))[ratio > NEARLY_REACHED], initial=0.0))
+    return slack
 
 
 def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
@@ -229,7 +312,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: 
     """
     space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
-        problem = _linearise_damping(problem, points, law.squared_speed)
+        problem = _linearise(problem, points, law.squared_speed)
         rows = condition_rows(problem, law.basis)
         try:
             y = space.adjust(law.coefficients, rows, problem.instants_until(law.duration))
@@ -260,6 +343,11 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     )
     if problem.response is not None or not problem.task.to_cross.explained:
         return not_found  # torques linearised about another motion prove nothing about limits
+    if problem.specification.drives is not None:  # the least limits below are those without drives
+        problem = problem.with_goal(problem.specification.goal, drives=None)
+        if isinstance(settle_tangents(problem, points), Best):
+            words = "no law of free shape was found within torque-speed curves and RMS torques"
+            return NotConverged(f"{name}: {words}", residual=np.inf)
     holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
@@ -395,7 +483,7 @@ def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> floa
     """
     if not (problem.specification.limited or problem.specification.limited_speeds):
         return None
-    result = _settle_damping(problem.with_goal("time", duration=None, longest=None), points)
+    result = settle_tangents(problem.with_goal("time", duration=None, longest=None), points)
     return result.law.duration if isinstance(result, Best) else None
 
 
