@@ -205,8 +205,8 @@ def excite(
         acceleration=acceleration,
         clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
     )
-    found = _search(design, limits, trials, np.random.default_rng(seed), progress)
-    motion = _complete(design, limits, found.z, found.q, sensors.rate)
+    z, q, fall = _search(design, limits, trials, np.random.default_rng(seed), progress)
+    motion = _complete(design, limits, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
     return Excitation(
@@ -216,7 +216,7 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
-        improvement=float(np.exp(found.first_cost - found.cost)),
+        improvement=float(np.exp(fall)),
         trials=trials,
     )
 
@@ -233,12 +233,6 @@ class _Limits(NamedTuple):
         """Return limits that are stricter by a share."""
         values = (self.torque * share, self.speed * share, self.acceleration * share, self.clearance / share)
         return _Limits(*values)
-
-
-class _Refused(NamedTuple):
-    """Why a motion is refused."""
-
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,34 +299,34 @@ class _Design:
 
     def evaluate(
         self, z: Array, functions: Array, guess: Array, limits: _Limits, times: Array
-    ) -> PeriodicMotion | _Refused:
+    ) -> PeriodicMotion | str:
         """Compute a motion z (K, n), or say which limit it violates, from a guess (T, nq) of the poses."""
         robot = self.robot
         x, dx, ddx = robot.platform_scale * (functions @ z)  # (T, n) each
         x = x + robot.reference.x
         size = np.linalg.norm(ddx / robot.platform_scale, axis=1).max() * robot.length
         if size > limits.acceleration:
-            return _Refused(f"the platform's acceleration reaches {size:.3g} m/s^2")
+            return f"the platform's acceleration reaches {size:.3g} m/s^2"
         closed = close_each(robot, x, guess, farthest=MAX_NEWTON_STEP)
         if not closed.closed.all():
-            return _Refused("the loops do not close everywhere")
+            return "the loops do not close everywhere"
         beyond = shares_beyond_limits(robot.limits, closed.q)
         if beyond.any():
             joint = robot.limits[int(beyond.max(axis=0).argmax())].joint
-            return _Refused(f"{joint} leaves its range")
+            return f"{joint} leaves its range"
         near = self.distances(closed.linearised).min(axis=0) < limits.clearance
         if near.any():
-            return _Refused(f"it comes near a Type {1 + int(near.argmax())} singularity")
+            return f"it comes near a Type {1 + int(near.argmax())} singularity"
         motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
         if (np.abs(speed) > limits.speed).any():
-            return _Refused("a motor exceeds its speed limit")
+            return "a motor exceeds its speed limit"
         regressor = parameter_regressor(robot, motion, self.base.described)
         to_motors = np.linalg.pinv(regressor.motors)  # (T, n_a, n)
         rows = to_motors @ regressor.matrix[:, :, self.base.combinations.leading]
         torque = rows @ self.base.values + np.matvec(to_motors, regressor.constant)
         if (np.abs(torque) > limits.torque).any():
-            return _Refused("a motor exceeds its torque limit")
+            return "a motor exceeds its torque limit"
         dry = robot.joint_friction[robot.actuated] * np.sign(speed) / robot.gear_ratio
         angle = robot.gear_ratio * robot.actuated_coordinates(closed.q)
         return PeriodicMotion(times, closed.q, x, angle, speed, torque, dry, rows)
@@ -345,23 +339,17 @@ class _Design:
         return float(np.mean(np.log(np.linalg.norm(np.linalg.inv(R), axis=1))))
 
 
-class _Found(NamedTuple):
-    """The result of a search."""
-
-    z: Array  # (K, n)
-    q: Array  # (INSTANTS, nq) poses
-    first_cost: float
-    cost: float
-
-
 def _search(
     design: _Design,
     limits: _Limits,
     trials: int,
     random: np.random.Generator,
     progress: Callable[[float], None],
-) -> _Found:
-    """Search the motion z (K, n) of least cost by an evolution strategy."""
+) -> tuple[Array, Array, float]:
+    """Search the motion z (K, n) of least cost by an evolution strategy.
+
+    Return z, its poses q (INSTANTS, nq), and how far the cost fell.
+    """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
     largest_step = 0.05
@@ -373,17 +361,15 @@ def _search(
     guess = np.tile(robot.reference.q, (INSTANTS, 1))
     z = np.zeros(shape)
     step = largest_step
-    best: PeriodicMotion | _Refused = _Refused("")
+    best: PeriodicMotion | str = ""
     first = 0.1 * random.standard_normal(shape)
     for halving in range(24):
         z = first * 0.5**halving
         best = design.evaluate(z, functions, guess, strict, times)
         if isinstance(best, PeriodicMotion):
             break
-    if isinstance(best, _Refused):
-        raise NoAnswer(
-            f"{robot.name}: no motion near the reference keeps the limits: however small, {best.reason}"
-        )
+    if isinstance(best, str):
+        raise NoAnswer(f"{robot.name}: no motion near the reference keeps the limits: however small, {best}")
     cost = first_cost = design.cost(best)
     for k in range(trials):
         progress(k + 1)
@@ -396,7 +382,7 @@ def _search(
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-    return _Found(z, best.q, first_cost, cost)
+    return z, best.q, first_cost - cost
 
 
 def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:
@@ -407,7 +393,7 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
     times = np.arange(int(design.duration * rate * (1.0 + SAME_PLACE)) + 1) / rate
     coarse = design.period * np.arange(INSTANTS) / INSTANTS
     nearest = np.round(times / design.period * INSTANTS).astype(int) % INSTANTS
-    motion: PeriodicMotion | _Refused = _Refused("")
+    motion: PeriodicMotion | str = ""
     for _ in range(40):
         motion = design.evaluate(z, design.functions(coarse), q, limits, coarse)
         if isinstance(motion, PeriodicMotion):
@@ -417,14 +403,14 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
                 part = slice(start, start + CHUNK)
                 functions = design.functions(times[part])
                 motion = design.evaluate(z, functions, q[nearest[part]], limits, times[part])
-                if isinstance(motion, _Refused):
+                if isinstance(motion, str):
                     break
                 parts.append(motion)
             else:
                 return PeriodicMotion(*map(np.concatenate, zip(*parts, strict=True)))
         z = 0.97 * z
-    assert isinstance(motion, _Refused)
-    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion.reason}")
+    assert isinstance(motion, str)
+    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion}")
 
 
 # ------------------------------------------------------------------ the check by simulation

@@ -137,16 +137,10 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
 
 
 def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Read the numbers in some columns of one row.
-
-    Args:
-        where: file and line, for messages.
-        header: names of all columns.
-        columns: indices of the columns to read.
-        cells: texts of the row.
+    """Read the numbers of the row `cells` at indices `columns`; `where` names file and line.
 
     Raises:
-        InvalidInput: another number of cells than columns; a cell that is not a finite number.
+        InvalidInput: another number of cells than of names in `header`; a cell that is no finite number.
     """
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
@@ -244,17 +238,10 @@ def record_sensors(
 def _add_sensor_errors(
     random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
 ) -> Array:
-    """Add normal noise to values (T, k), and round to multiples of a step.
-
-    Args:
-        random: draws the noise.
-        noise: standard deviation, for each column (k,) or one for all.
-        step: resolution, for each column (k,) or one for all; columns with a step of 0 are not rounded.
-    """
+    """Add normal noise to values (T, k), and round to multiples of a step, for each column or one for all."""
     noisy = values + noise * random.standard_normal(values.shape)
-    has_step = np.asarray(step) > 0
-    divisor = np.where(has_step, step, 1.0)  # against 0 / 0
-    return np.where(has_step, np.round(noisy / divisor) * step, noisy)
+    divisor = np.where(np.asarray(step) > 0, step, 1.0)  # against 0 / 0
+    return np.where(np.asarray(step) > 0, np.round(noisy / divisor) * step, noisy)
 
 
 def make_sensors(properties: dict[str, float]) -> Sensors:
