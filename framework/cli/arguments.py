@@ -151,6 +151,8 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
         return scene_path(scene(robot, options.scene))
     if start is None or end is None:
         scenes = list(robot.description.scenes)
+        if getattr(options, "to_mode", None) or getattr(options, "in_joints", None):
+            raise InvalidInput("--in, --to-mode: need both --from and --to")
         if not scenes:
             raise InvalidInput(f"give both --from and --to: {robot.name} has no scenes")
         raise InvalidInput(

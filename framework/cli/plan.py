@@ -26,7 +26,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import InvalidInput, NoAnswer, check_choice
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.diagnostics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -35,7 +35,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.joint_path import JointPath, choose_joint_path, with_platform_joints
+from framework.planning.joint_path import JointPath, flip_legs, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import (
@@ -89,7 +89,7 @@ def add_plan_options(parser: OneLineParser) -> None:
         "--to-mode",
         nargs="+",
         metavar="MOTOR",
-        help="reach --to in another working mode, with the legs of these motors flipped, on a line in joints",
+        help="reach --to in another working mode, with the legs of these motors flipped",
     )
     add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or predicted")
     add_motion(parser)
@@ -188,7 +188,7 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
 
     Raises:
         InvalidInput: an unknown motor, or no pose with these legs flipped.
-        NoAnswer: no line in joints leads there.
+        NoAnswer: no path in joints is found that leads there.
     """
     from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
 
@@ -197,20 +197,18 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
     poses = [assemble(robot, x).q for x in (start, goal)]
     is_flipped = np.isin(robot.actuator_names, motors)
     (unflipped,) = robot.actuated_coordinates(poses[1][None])
+    found = working_modes(robot, goal)
     modes = [
-        mode
-        for mode in working_modes(robot, goal).modes
+        mode.q
+        for mode in found.modes
         if np.array_equal(np.abs(mode.motors - unflipped) > SAME_PLACE * robot.length, is_flipped)
     ]
-    if not modes:
+    if not modes and found.are_all:
         raise InvalidInput(
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "
             f"{robot.name} --platform X.. --all` lists all"
         )
-    for mode in modes[:-1]:
-        with suppress(NoAnswer):
-            return choose_joint_path(robot, poses[0], mode.q)
-    return choose_joint_path(robot, poses[0], modes[-1].q)
+    return flip_legs(robot, poses[0], poses[1], motors, modes)
 
 
 def _check_options(options: Namespace, level: ChosenLevel | None) -> None:

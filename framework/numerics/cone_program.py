@@ -18,8 +18,9 @@ from framework.numerics.sparse_rows import SparseRows
 from framework.numerics.time_limit import check_time
 
 # regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
-# the first pair solves most programs and takes half the time of the others
-REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
+# the first pair solves most programs and takes half the time of the others; the last one serves programs
+# whose rows the regularization itself keeps from closing
+REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10), (1e-9, 10))
 TOLERANCE = 1e-8  # of a solution, in the units of the optimum
 SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first and the second tolerance
 

@@ -8,31 +8,38 @@ the joints Type 2 itself would look like Type 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice, product
+from itertools import combinations, islice, pairwise, product
 
 import numpy as np
 
 from framework.errors import FrameworkError, InvalidInput, NoLaw, check_choice
-from framework.kinematics.continuation.tracking import track_path
-from framework.kinematics.frames import difference
+from framework.kinematics.continuation.tracking import follow_path, track_path
+from framework.kinematics.frames import difference, frames_at, integrate
+from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
+from framework.laws.curves import Spline
 from framework.laws.path import Line, Path
 from framework.model.description import Platform
 from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values
+from framework.numerics.time_limit import check_time
+from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING, SAME_PLACE
 
-# sets of joints compared at both ends: all 4845 of four joints out of twenty, two decompositions each
-MAX_SETS = 5000
+MAX_SETS = 5000  # of joints that are compared: all 4845 of four joints out of twenty
 # sets of joints, and lines in them, that are followed: they bound a search without success; of three hinges
-# a set has up to eight ways around, so that the six best sets are tried on all
-MAX_TRACKED_SETS, MAX_TRACKED = 8, 48
+# a set has up to eight ways around
+MAX_TRACKED_SETS, MAX_TRACKED = 6, 24
 BRANCH_SAMPLES = 65  # of a line, for the least singular value; narrower dips go unseen
+DIRECTIONS = 12  # of the platform that are drawn, besides its axes, in which legs are stretched
+FOLD_POSES = 192  # on the way by a stretched leg; an even number, so that none is at the fold itself
+FOLD_POINTS = 13  # of these, of the spline
+FARTHEST_POSE = 0.2  # [rad, lengths] of Newton's steps from one pose to the next, well below a flip
 
 
 @dataclass(frozen=True)
@@ -83,18 +90,78 @@ def with_platform_joints(robot: ParallelRobot, joints: Sequence[str]) -> Paralle
 
 
 def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointPath:
-    """Choose joints in which the line between two poses start, goal (nq,) is regular.
+    """Choose joints and a path in them between two poses start, goal (nq,) of different working modes.
 
-    Of the sets of passive joints, and of both ways around for hinges that turn by more than a quarter, the
-    one with the largest least singular value of [selected joints; loops] along the line is taken.
+    Of the lines in sets of passive joints, both ways around for hinges that turn by more than a quarter, the
+    one with the largest least singular value along it is taken. Where none leads to the goal, the path goes
+    to a nearby place where a leg is stretched or folded, and returns with this leg flipped.
 
     Raises:
-        NoLaw: no line in a set of joints leads from one pose to the other.
+        NoLaw: none of these paths leads from the start to the platform and the motors of the goal, or each
+            meets singularities that no law passes.
     """
-    names = passive_joints(robot)
+    moved = robot.actuator_names  # by no matter how much
+    return _choose_path(robot, start, [goal], goal, moved, lambda q: _is_same_mode(robot, q, goal))
+
+
+def flip_legs(
+    robot: ParallelRobot, start: Array, goal: Array, motors: Sequence[str], modes: Sequence[Array]
+) -> JointPath:
+    """Choose a path in joints, as `choose_joint_path`, on which just the legs of these motors flip.
+
+    Args:
+        start: the pose (nq,) at its start.
+        goal: the pose (nq,) without the flip, with the platform as at the end of the path.
+        motors: names of those that stand elsewhere at the end; the others are as at the goal.
+        modes: known poses (nq,) of this kind, to which lines are tried first.
+
+    Raises:
+        NoLaw: as `choose_joint_path`.
+    """
+    is_flipped = np.isin(robot.actuator_names, motors)
+
+    def arrives(q: Array) -> bool:
+        """Return whether the platform is at the goal, and just these motors are elsewhere."""
+        is_elsewhere = _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
+        return _is_same_place(robot, q, goal) and np.array_equal(is_elsewhere, is_flipped)
+
+    return _choose_path(robot, start, modes, goal, motors, arrives)
+
+
+def _choose_path(
+    robot: ParallelRobot,
+    start: Array,
+    modes: Sequence[Array],
+    goal: Array,
+    motors: Sequence[str],
+    arrives: Callable[[Array], bool],
+) -> JointPath:
+    """Choose a line to a mode, or a path by a stretched leg that arrives; raise as `choose_joint_path`."""
+    tracked = 0
+    for mode in modes:
+        line, count = _choose_line(robot, start, mode)
+        if line is not None:
+            return line
+        tracked += count
+    x_start, x_goal = robot.platform.coordinates(frames_at(robot, np.stack([start, goal])))
+    folds = _find_folds(robot, start, x_start)
+    for x_fold in folds:
+        check_time()
+        q = _pass_fold(robot, start, x_start, x_fold, x_goal)
+        if q is not None and arrives(q[-1]):
+            path = _fit_joint_path(robot, q, arrives)
+            if path is not None:
+                return path
+    raise NoLaw(
+        f"{robot.name}: of {tracked} lines in joints without motors, and {len(folds)} ways by a stretched or "
+        f"folded leg, none that a law can pass leads to a pose with {', '.join(motors)} elsewhere"
+    )
+
+
+def _choose_line(robot: ParallelRobot, start: Array, goal: Array) -> tuple[JointPath | None, int]:
+    """Choose the most regular line in passive joints from start to goal (nq,); count the lines followed."""
     ends = np.stack([start, goal])
-    sets = list(islice(combinations(names, robot.n), MAX_SETS))
-    at_ends = np.array([_least_singular_value(robot, ends, joints) for joints in sets])
+    sets, at_ends = _rate_sets(robot, ends)
     best: tuple[float, JointPath] | None = None
     tracked = 0
     for k in np.argsort(-at_ends, kind="stable")[:MAX_TRACKED_SETS].tolist():
@@ -105,32 +172,131 @@ def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointP
         except FrameworkError:  # not regular at the reference
             continue
         for line in _lines_between(selected, start, goal)[: MAX_TRACKED - tracked]:
+            check_time()
             tracked += 1
-            try:
-                branch = track_path(selected, line)
-            except FrameworkError:
+            q = _follow(selected, line)
+            if q is None or not all(
+                _is_same_pose(robot, *pair) for pair in zip(q[[0, -1]], ends, strict=True)
+            ):
                 continue
-            q = branch.guess(np.linspace(0.0, 1.0, BRANCH_SAMPLES))
-            if not _is_same_pose(robot, q[[0, -1]], ends):
-                continue
-            least = _least_singular_value(robot, q, sets[k])
+            (least,) = _rate_sets(robot, q, [sets[k]])[1]
             if best is None or least > best[0]:
                 best = least, JointPath(sets[k], line)
-    if best is None:
-        raise NoLaw(
-            f"{robot.name}: of {tracked} lines in joints without motors none leads from one pose to the other"
-        )
-    return best[1]
+    return best and best[1], tracked
 
 
-def _least_singular_value(robot: ParallelRobot, q: Array, joints: Sequence[str]) -> float:
-    """Compute the least singular value of [selected joints; loops] at q (T, nq), dimensionless."""
-    columns = [robot.model.joints[robot.model.getJointId(name)].idx_v for name in joints]
-    selected = np.zeros((len(q), robot.n, robot.nv))
-    selected[:, np.arange(robot.n), columns] = 1.0
-    loops = linearised_at(robot, q).jacobian[:, robot.n :] * robot.column_scale
-    matrix = np.concatenate([selected, loops / robot.loop_lengths[:, None]], axis=1)[:, :, robot.moving]
-    return float(singular_values(matrix).min())
+def _rate_sets(
+    robot: ParallelRobot, q: Array, sets: Sequence[Names] | None = None
+) -> tuple[Sequence[Names], Array]:
+    """Compute how well n joints determine all others at poses q (T, nq), by set of joints.
+
+    The motions that close the loops are spanned by N (moving, n), with N' N = 1. Rates of the joints of a set
+    determine such a motion by the rows of N that belong to them: the worse, the smaller their least singular
+    value, which is 1 at best.
+
+    Args:
+        sets: names of n passive joints each; by default all.
+
+    Returns:
+        The sets; their least singular values over all poses (S,).
+    """
+    if sets is None:
+        sets = list(islice(combinations(passive_joints(robot), robot.n), MAX_SETS))
+    loops = linearised_at(robot, q).jacobian[:, robot.n :] * robot.column_scale / robot.loop_lengths[:, None]
+    N = np.linalg.svd(loops[:, :, robot.moving]).Vh[:, -robot.n :].swapaxes(1, 2)  # (T, moving, n)
+    row_of = {robot.coordinates.name_of(column): k for k, column in enumerate(robot.moving.tolist())}
+    rows = np.array([[row_of[name] for name in joints] for joints in sets]).reshape(-1, robot.n)  # (S, n)
+    least = np.full(len(rows), np.inf)
+    for pose in N:  # one by one: all poses of thousands of sets would fill the memory
+        least = np.minimum(least, singular_values(pose[rows])[:, -1])
+    return sets, least
+
+
+def _follow(selected: ParallelRobot, path: Path) -> Array | None:
+    """Follow a path in the platform joints of a robot; return poses (T, nq) on it, None if it ends early."""
+    try:
+        branch = track_path(selected, path)
+    except FrameworkError:
+        return None
+    return branch.guess(np.linspace(0.0, 1.0, BRANCH_SAMPLES))
+
+
+def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
+    """Find places (n,) where lines of the platform end at a stretched or folded leg, the nearest first.
+
+    Args:
+        start: the pose (nq,) at which all lines begin.
+        x: its platform coordinates (n,).
+    """
+    drawn = np.random.default_rng(0).normal(size=(DIRECTIONS, robot.n))
+    axes = np.eye(robot.n)
+    directions = np.concatenate([axes, -axes, drawn / np.linalg.norm(drawn, axis=1)[:, None]])
+    reach = 2.0 * np.where(robot.platform.translations, robot.length, 1.0)  # (n,) [m, rad]
+    pose = linearised_at(robot, start[None], x[None])
+    ends = []
+    for direction in directions:
+        check_time()
+        line = Line(x, x + reach * direction)
+        try:
+            followed = follow_path(robot, line, pose, to_the_end=True)
+        except FrameworkError:
+            continue
+        if not followed.complete:
+            ends.append(float(followed.last.s[0]) * direction)
+    return [x + reach * end for end in sorted(ends, key=np.linalg.norm)]
+
+
+def _pass_fold(
+    robot: ParallelRobot, start: Array, x_start: Array, x_fold: Array, x_goal: Array
+) -> Array | None:
+    """Go from a pose (nq,) to a fold of a leg and back to another place; None where no pose follows.
+
+    At a fold the platform moves as the square of what the joints do. So it goes as
+
+        x(u) = x_fold + u^2 ((1 - u) (x_start - x_fold) + (1 + u) (x_goal - x_fold)) / 2,  u from -1 to 1,
+
+    under which all joints move smoothly in u. Each pose is extrapolated from the three before it, through the
+    fold to the flipped leg, and closed by Newton's method.
+
+    Returns:
+        Poses (FOLD_POSES, nq).
+    """
+    u = np.linspace(-1.0, 1.0, FOLD_POSES)[:, None]
+    x = x_fold + 0.5 * u**2 * (
+        (1.0 - u) * (x_start - x_fold) + (1.0 + u) * (x_goal - x_fold)
+    )  # (FOLD_POSES, n)
+    poses, step, bend = [start], np.zeros(robot.nv), np.zeros(robot.nv)
+    for k in range(1, FOLD_POSES):
+        guess = integrate(robot, poses[-1][None], (step + bend)[None])
+        result = close_each(robot, x[k : k + 1], guess, farthest=FARTHEST_POSE)
+        if not result.closed[0]:
+            return None
+        poses.append(result.q[0])
+        last, step = step, difference(robot, *poses[-2:])
+        bend = step - last if k > 1 else bend
+    return np.array(poses)
+
+
+def _fit_joint_path(robot: ParallelRobot, q: Array, arrives: Callable[[Array], bool]) -> JointPath | None:
+    """Fit a spline in passive joints to poses q (T, nq); None if it leads elsewhere or no law passes it."""
+    chosen = np.round(np.linspace(0, len(q) - 1, FOLD_POINTS)).astype(int)
+    sets, least = _rate_sets(robot, q[chosen])
+    steps = np.array([difference(robot, *pair) for pair in pairwise(q)])  # (T - 1, nv)
+    moved = np.concatenate([np.zeros((1, robot.nv)), np.cumsum(steps, axis=0)])[chosen]
+    for k in np.argsort(-least, kind="stable")[:MAX_TRACKED_SETS].tolist():
+        try:
+            selected = with_platform_joints(robot, sets[k])
+            assert isinstance(selected.platform, JointPlatform)
+            columns = [robot.model.joints[robot.model.getJointId(name)].idx_v for name in sets[k]]
+            path = Spline(q[0, selected.platform.q_indices] + moved[:, columns])
+            searched = search_path(selected, path)
+        except FrameworkError:  # not regular, or through a Type 1 singularity
+            continue
+        poses = searched.branch.guess(np.array([0.0, 1.0]))
+        leads_there = _is_same_pose(robot, poses[0], q[0]) and arrives(poses[1])
+        if leads_there and all(point.kind == "type_2" and point.corank == 1 for point in searched.points):
+            return JointPath(sets[k], path)
+    return None
 
 
 def _lines_between(robot: ParallelRobot, start: Array, goal: Array) -> list[Line]:
@@ -149,7 +315,30 @@ def _lines_between(robot: ParallelRobot, start: Array, goal: Array) -> list[Line
 
 
 def _is_same_pose(robot: ParallelRobot, q: Array, expected: Array) -> bool:
-    """Return whether poses q and expected (T, nq) are the same, but for whole turns."""
-    offset = np.array([difference(robot, e, p) for e, p in zip(expected, q, strict=True)])
-    hinges = np.where(robot.sliding, 0.0, np.round(offset / (2.0 * np.pi)) * 2.0 * np.pi)
-    return bool(np.abs((offset - hinges) / robot.column_scale).max() < FILE_ROUNDING)
+    """Return whether poses q and expected (nq,) are the same, but for whole turns."""
+    return bool(_distances(robot, q, expected).max() < FILE_ROUNDING)
+
+
+def _is_same_mode(robot: ParallelRobot, q: Array, expected: Array) -> bool:
+    """Return whether platform and motors agree at q and expected (nq,), but for whole turns.
+
+    Of universal and ball joints two settings may belong to one pose of the links.
+    """
+    at_motors = _distances(robot, q, expected)[robot.actuated]
+    return bool(at_motors.max() < FILE_ROUNDING) and _is_same_place(robot, q, expected)
+
+
+def _is_same_place(robot: ParallelRobot, q: Array, expected: Array) -> bool:
+    """Return whether the platform has the same coordinates at q and expected (nq,)."""
+    frames = frames_at(robot, np.stack([q, expected]))
+    x, _ = robot.platform.coordinates(frames)
+    offset = robot.platform.residual(frames, np.stack([x, x]))[1]  # (n,)
+    scale = np.where(robot.platform.translations, robot.length, 1.0)
+    return bool(np.abs(offset / scale).max() < FILE_ROUNDING)
+
+
+def _distances(robot: ParallelRobot, q: Array, expected: Array) -> Array:
+    """Compute the distances (nv,) of all joints of two poses (nq,), less whole turns [rad, lengths]."""
+    offset = difference(robot, expected, q)
+    turns = np.where(robot.sliding, 0.0, np.round(offset / (2.0 * np.pi)) * 2.0 * np.pi)
+    return np.abs((offset - turns) / robot.column_scale)

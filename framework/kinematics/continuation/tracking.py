@@ -171,6 +171,7 @@ def _follow_steps(
     """Follow the path from a pose (K = 1) in single steps; return this pose and all that follow."""
     poses = [pose]
     step = MIN_SHEET_PANEL
+    seeks_end = to_the_end  # once from each pose
     while pose.s[0] < 1.0:
         step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
@@ -179,11 +180,13 @@ def _follow_steps(
         if following is not None:
             pose, correction = following
             poses.append(pose)
+            seeks_end = to_the_end
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
         # refused: the branch ends ahead, or the step is too long
-        end = _type1_end(robot, path, pose) if to_the_end else None
+        end = _type1_end(robot, path, pose) if seeks_end else None
+        seeks_end = False
         if end is not None:
             poses.append(end)
             break

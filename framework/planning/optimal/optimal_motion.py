@@ -351,12 +351,13 @@ class _ElasticSearch:
         self.last_law, self.last_stage = best, stage
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
-        law = best.law
+        law, balance = best.law, None
         if not self.task.follows_balance:
             dynamics = _resolve_law(self.task, law, None)
         else:
-            law, dynamics = self._balance_law(law)
+            law, balance, dynamics = self._balance_law(law)
         check_rest(dynamics, law)
+        self.balance = balance  # of a certified motion: the cells of a failed one hold what it failed on
         return OptimalMotion(dynamics, law, best)
 
     def _repeats_last_law(self, best: Best, stage: ElasticStage) -> bool:
@@ -370,20 +371,21 @@ class _ElasticSearch:
             return False
         return abs(best.cost / self.last_law.cost - 1.0) < PEAK_TORQUE_MISMATCH
 
-    def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:
-        """Find the law in balance nearest to `law`, and its certified motion.
+    def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, BalanceSolution, InverseDynamics]:
+        """Find the law in balance nearest to `law`, the balance, and its certified motion.
 
         Deflections shift the crossings along the path. If speeds are required, the law is found again until
         it has these speeds at the shifted crossings.
         """
+        previous = self.balance and self.balance.deflections
         for _ in range(MAX_SPEED_STEPS):
-            previous = self.balance and self.balance.deflections
-            law, self.balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
-            dynamics = _resolve_law(self.task, law, self.balance.deflections)
+            law, balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
+            previous = balance.deflections
+            dynamics = _resolve_law(self.task, law, previous)
             if self._has_required_speeds(law, dynamics):
                 break
             self.speed_places = [crossing.s for crossing in dynamics.crossings]
-        return law, dynamics
+        return law, balance, dynamics
 
     def _find_law(self) -> Best:
         """Find the law of this stage by a search that resumes from the last law.

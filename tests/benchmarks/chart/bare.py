@@ -4,7 +4,7 @@ Nothing of the framework is called: it gives the `pin.Model`, the names of frame
 It stands for what others can do without us, at its best: no checks, every pose started from the one before.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ class Motion(NamedTuple):
     q: Array
     v: Array
     a: Array
-    rows: Array  # (T, 4, 4)
+    rows: Array  # (T, 4, 4); (T, 2, 4), those of the loop alone, where the motion is given
 
 
 def solve_each(matrices: Array, right: Array) -> Array:
@@ -31,16 +31,14 @@ def solve_each(matrices: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
 
 
-def newton_in_stacks(
-    evaluate: Callable[[int, Array], tuple[Array, Array]], guess: Array
-) -> tuple[Array, Array]:
+def newton_in_stacks(evaluate: Callable[[Array], tuple[Array, Array]], guess: Array) -> tuple[Array, Array]:
     """Joints (T, k) with no residual, by Newton's method from guesses, and the derivatives (T, k, k) there.
 
-    `evaluate` gives residual and derivatives at a pose of number k; all poses are solved in one stack.
+    `evaluate` gives residuals and derivatives at poses (T, k).
     """
     q, settled = guess, False
     for _ in range(MOST):
-        residuals, rows = map(np.array, zip(*(evaluate(k, pose) for k, pose in enumerate(q)), strict=True))
+        residuals, rows = evaluate(q)
         if settled:
             return q, rows
         step = solve_each(rows, residuals)
@@ -53,32 +51,33 @@ class BareRobot:
 
     def __init__(self, robot: ParallelRobot, start: Array) -> None:
         self.model, self.data, self.start = robot.model, robot.model.createData(), start
+        self.pool = pin.ModelPool(self.model, 1)
         (closure,), platform = robot.description.closures, robot.description.platform.frame
         self.frames = [robot.model.getFrameId(name) for name in (*closure.frames, platform)]
         self.motors, self.gear, self.rotor = np.array(robot.actuated), robot.gear_ratio, robot.rotor_inertia
         self.others = np.setdiff1d(np.arange(robot.model.nv), self.motors)
 
-    def evaluate(self, q: Array, x: Array) -> tuple[Array, Array]:
-        """Residual (4,) of the closed loop with the platform at x (2,), and the derivatives (4, 4)."""
+    def tips(self, q: Array, frames: Sequence[int]) -> tuple[Array, Array]:
+        """Places (T, F, 2) of frames at poses (T, 4), and their derivatives (T, F, 2, 4)."""
         model, data = self.model, self.data
-        pin.computeJointJacobians(model, data, q)
-        one, other, platform = (
-            pin.updateFramePlacement(model, data, frame).translation[:2] for frame in self.frames
-        )
-        slopes = [pin.getFrameJacobian(model, data, frame, AXES)[:2] for frame in self.frames]
-        rows = np.vstack([slopes[0] - slopes[1], slopes[2]])
-        return np.concatenate([one - other, platform - x]), rows
+        places, slopes = np.empty((len(q), len(frames), 3)), np.empty((len(q), len(frames), 6, model.nv))
+        for pose, place, slope in zip(q, places, slopes, strict=True):
+            pin.computeJointJacobians(model, data, pose)
+            for k, frame in enumerate(frames):
+                place[k] = pin.updateFramePlacement(model, data, frame).translation
+                slope[k] = pin.getFrameJacobian(model, data, frame, AXES)
+        return places[..., :2], slopes[:, :, :2]
+
+    def evaluate(self, q: Array, x: Array) -> tuple[Array, Array]:
+        """Residuals (T, 4) of closed loops with the platform at x (T, 2), and the derivatives (T, 4, 4)."""
+        places, slopes = self.tips(q, self.frames)
+        residuals = np.hstack([places[:, 0] - places[:, 1], places[:, 2] - x])
+        return residuals, np.hstack([slopes[:, 0] - slopes[:, 1], slopes[:, 2]])
 
     def close(self, x: Array, q: Array) -> tuple[Array, Array]:
-        """Joints with the platform at x (2,), by Newton's method from q, and the derivatives."""
-        settled = False
-        for _ in range(MOST):
-            residual, rows = self.evaluate(q, x)
-            if settled:
-                return q, rows
-            step = np.linalg.solve(rows, residual)
-            q, settled = q - step, np.abs(step).max() < SETTLED
-        raise ArithmeticError("the loops do not close")
+        """Joints (4,) with the platform at x (2,), by Newton's method from q, and the derivatives (4, 4)."""
+        joints, rows = newton_in_stacks(lambda pose: self.evaluate(pose, x), q[None])
+        return joints[0], rows[0]
 
     def joints(self, places: Iterable[Array], start: Array | None = None) -> tuple[Array, Array]:
         """Joints (T, 4) and the derivatives (T, 4, 4), from pose to pose."""
@@ -100,22 +99,23 @@ class BareRobot:
         if guess is None:
             q, rows = self.joints(x, start)
         else:
-            q, rows = newton_in_stacks(lambda k, pose: self.evaluate(pose, x[k]), guess)
+            q, rows = newton_in_stacks(lambda poses: self.evaluate(poses, x), guess)
         still = np.zeros_like(x)
         v = solve_each(rows, np.hstack([still, dx]))
-        right = np.hstack([still, ddx])
-        for k in range(len(q)):
-            pin.forwardKinematics(model, data, q[k], v[k], np.zeros(model.nv))
-            one, other, platform = (
-                pin.getFrameClassicalAcceleration(model, data, frame, AXES).linear[:2]
-                for frame in self.frames
-            )
-            right[k] -= np.concatenate([one - other, platform])
+        rest, drift = np.zeros(model.nv), np.empty((len(q), 3, 3))  # accelerations of the frames' points
+        for pose, rate, points in zip(q, v, drift, strict=True):
+            pin.forwardKinematics(model, data, pose, rate, rest)
+            for k, frame in enumerate(self.frames):
+                points[k] = pin.getFrameClassicalAcceleration(model, data, frame, AXES).linear
+        one, other, platform = drift[..., :2].swapaxes(0, 1)  # (T, 2) each
+        right = np.hstack([other - one, ddx - platform])
         return Motion(q, v, solve_each(rows, right), rows)
 
     def forces(self, motion: Motion) -> Array:
-        """Of the open tree (T, 4)."""
-        return np.array([pin.rnea(self.model, self.data, *one) for one in zip(*motion[:3], strict=True)])
+        """Of the open tree (T, 4): all instants in one call, which takes them as columns."""
+        forces = np.empty_like(motion.q)
+        pin.rneaInParallel(1, self.pool, motion.q.T, motion.v.T, motion.a.T, forces.T)
+        return forces
 
     def passive(self, rows: Array) -> Array:
         """The loop's derivatives along the passive joints (.., 2, 2)."""
@@ -123,8 +123,8 @@ class BareRobot:
 
     def torques_of(self, q: Array, v: Array, a: Array) -> Array:
         """Motor torques (T, 2) [N m] of a motion (T, 4) that is known, at each instant for itself."""
-        rows = np.array([self.evaluate(pose, np.zeros(2))[1] for pose in q])
-        return self.torques(Motion(q, v, a, rows))
+        slopes = self.tips(q, self.frames[:2])[1]
+        return self.torques(Motion(q, v, a, slopes[:, 0] - slopes[:, 1]))
 
     def torques(self, motion: Motion) -> Array:
         """Motor torques (T, 2) [N m], at each instant for itself."""

@@ -32,7 +32,6 @@ MARKERS = "os^Dv<>Pphd*X"
 LEGEND_COLUMNS, LETTERS = 2, 175  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
 SHORT_SIZE = (6.2, 3.0)  # [in] of the figure read at a glance
-SHORT_OFFSET = 5.0  # [pt] of a name from its point
 ROUNDING = 1e-16  # an error that has lost no digit
 DIGITS = 16  # that a cell may lose
 
@@ -115,27 +114,15 @@ def map_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
 
 
 def short_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
-    """Errors over times of the few methods of `Stage.short` in one panel, their names beside the curves."""
+    """Errors over times of the few methods of `Stage.short` in one panel."""
     figure, looks = Figure(figsize=SHORT_SIZE, layout="constrained"), styles(stage)
     ax = figure.add_subplot()
-    for name, (label, row) in stage.short.items():
+    for name, label in stage.short.items():
         times, errors = _points(front(finite(rows, name)))
-        if times:
-            look, side = looks[name], 1 if row == 0 else -1
-            ax.plot(times, errors, **look)
-            ax.annotate(
-                label,
-                (times[row], errors[row]),
-                xytext=(0.0, side * SHORT_OFFSET),
-                textcoords="offset points",
-                color=look["color"],
-                ha="center",
-                va="bottom" if side > 0 else "top",
-            )
+        ax.plot(times, errors, **looks[name], label=label)
     _scaled(ax, TIME)
     ax.set_ylabel(stage.error)
-    ax.margins(x=0.12)
-    ax.set_ylim(ax.get_ylim()[0] * 1e-3, 10.0 * ax.get_ylim()[1])  # room for names
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     return figure
 
 

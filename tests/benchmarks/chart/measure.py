@@ -97,8 +97,7 @@ class Stage:
     profile, profiled: the classes of `Judged.profile`, and what they are.
     profile_title: what to say of these errors.
     remark: what the reader should see besides the times, from the rows.
-    short: names of at most five curves, by method of one panel, for the figure that is read at a glance, each
-        with the row that it stands beside: 0 the quickest, above it, -1 the best, below it.
+    short: names of at most five curves, by method of one panel, for the figure that is read at a glance.
     """
 
     name: str
@@ -112,7 +111,7 @@ class Stage:
     profile: tuple[float, ...] = ()
     profiled: str = ""
     profile_title: str = ""
-    short: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    short: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_map(self) -> bool:

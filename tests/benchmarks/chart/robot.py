@@ -125,9 +125,10 @@ class SceneC:
         x, dx, ddx = self.platform(times)
         return bare().motion(x, dx, ddx, start)
 
-    def bare_torques(self, times: Array) -> Array:
-        """(T, 2) at each instant for itself, by pinocchio and numpy alone."""
-        return bare().torques(self.bare_motion(times))
+    def bare_torques(self, times: Array, guess: Array | None = None) -> Array:
+        """(T, 2) at each instant for itself, by pinocchio and numpy alone: as `BareRobot.motion`."""
+        x, dx, ddx = self.platform(times)
+        return bare().torques(bare().motion(x, dx, ddx, guess=guess))
 
     def guess(self, times: Array) -> Array:
         """Joints (T, 4) near those of the path as followed."""

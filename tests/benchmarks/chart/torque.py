@@ -183,13 +183,8 @@ def _constraint_dynamics() -> Callable[..., Array]:
 
 
 def _pinocchio_nodes(setting: Setting) -> Callable[[], Torques]:
-    case, robot, nodes = SceneC(given.law()), bare(), _nodes(setting)
-
-    def torque(t: Array) -> Array:
-        x, dx, ddx = case.platform(t)
-        return robot.torques(robot.motion(x, dx, ddx, guess=case.guess(t)))
-
-    return lambda: _series(torque, nodes)
+    case, nodes = SceneC(given.law()), _nodes(setting)
+    return lambda: _series(lambda t: case.bare_torques(t, case.guess(t)), nodes)
 
 
 def _mujoco_nodes(setting: Setting) -> Callable[[], Torques]:
@@ -369,9 +364,8 @@ STAGE = Stage(
         _table(
             "pinocchio",
             "tables, Pinocchio and numpy",
-            _tables(lambda law, t: SceneC(law).bare_torques(t)),
-            given="path; s, s', s\" exact",
-            source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
+            _tables(lambda law, t: SceneC(law).bare_torques(t, SceneC(law).guess(t))),
+            source="as Pinocchio and numpy on nodes (chart/bare.py); table by spline",
         ),
         _table(
             "mujoco",
@@ -440,10 +434,10 @@ STAGE = Stage(
     profiled="distance to the instant  [s]",
     profile_title="Asked at that very instant",
     short={
-        "formula": ("formula written\nfor this robot", -1),
-        "chebyshev": ("this framework", -1),
-        "pinocchio_nodes": ("Pinocchio,\nour nodes", -1),
-        "mujoco_nodes": ("MuJoCo,\nour nodes", -1),
-        "pinocchio": ("Pinocchio,\ntables", -1),
+        "formula": "formula written for this robot",
+        "pinocchio_nodes": "Pinocchio, the same nodes",
+        "chebyshev": "this framework",
+        "mujoco_nodes": "MuJoCo, the same nodes",
+        "pinocchio": "Pinocchio, tables",
     },
 )

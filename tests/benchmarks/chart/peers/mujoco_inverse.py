@@ -40,40 +40,40 @@ class Tree:
         self.data = mujoco.MjData(self.model)
         self.sites = [self.model.site(f"{side}_tip").id for side in SIDES]
         self.columns = [self.model.joint(name).id for name in joints]  # of MuJoCo, in the order of `joints`
-        self.motors = [joints.index(f"{side}_motor") for side in SIDES]
-        self.others = [k for k in range(len(joints)) if k not in self.motors]
         if sorted(self.columns) != list(range(self.model.nv)):
             raise ValueError(f"MuJoCo's 5R has {self.model.nv} joints, not {joints}")
+        self.order = np.argsort(self.columns)  # of `joints`, in MuJoCo's order
+        self.motors = [joints.index(f"{side}_motor") for side in SIDES]
+        self.others = [k for k in range(len(joints)) if k not in self.motors]
 
-    def equation(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, float]:
-        """r (nv,), J (2, nv) and the gap [m] at one instant, in the order of the joints."""
-        model, data, columns = self.model, self.data, self.columns
-        data.qpos[columns], data.qvel[columns], data.qacc[columns] = q, v, a
-        mujoco.mj_inverse(model, data)
-        slopes = np.zeros((2, 3, model.nv))
-        for slope, site in zip(slopes, self.sites, strict=True):
-            mujoco.mj_jacSite(model, data, slope, None, site)
-        first, second = data.site_xpos[self.sites]
-        gap = first - second
-        jacobian = (slopes[0] - slopes[1])[:2, columns]
-        return data.qfrc_inverse[columns].copy(), jacobian, float(np.linalg.norm(gap))
+    def equations(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """r (T, nv) and J (T, 2, nv) along a motion, in the order of the joints."""
+        model, data, (one, other) = self.model, self.data, self.sites
+        forces, slopes = np.empty_like(q), np.empty((len(q), 2, 3, model.nv))
+        states = (array[:, self.order] for array in (q, v, a))
+        for pose, rate, acceleration, force, slope in zip(*states, forces, slopes, strict=True):
+            data.qpos[:], data.qvel[:], data.qacc[:] = pose, rate, acceleration
+            mujoco.mj_inverse(model, data)
+            mujoco.mj_jacSite(model, data, slope[0], None, one)
+            mujoco.mj_jacSite(model, data, slope[1], None, other)
+            force[:] = data.qfrc_inverse
+        return forces[:, self.columns], (slopes[:, 0] - slopes[:, 1])[:, :2, self.columns]
 
     def inverse(self, q: Array, v: Array, a: Array) -> InverseDynamics:
         """Along a motion: q, v, a (T, nv) in the order of the joints."""
-        torque, imbalance, gaps = [], [], []
-        for instant in zip(q, v, a, strict=True):
-            r, jacobian, gap = self.equation(*instant)
+        left = []
+        for r, jacobian in zip(*self.equations(q, v, a), strict=True):
             force = np.linalg.lstsq(jacobian[:, self.others].T, r[self.others], rcond=None)[0]
-            left = r - jacobian.T @ force
-            torque.append(left[self.motors] / GEAR_RATIO)
-            imbalance.append(np.abs(left[self.others]).max())
-            gaps.append(gap)
-        return InverseDynamics(np.array(torque), np.array(imbalance), np.array(gaps))
+            left.append(r - jacobian.T @ force)
+        torque, imbalance = np.array(left)[:, self.motors], np.array(left)[:, self.others]
+        first, second = self._tips(q)[0].swapaxes(0, 1)
+        gap = np.linalg.norm(first - second, axis=1)
+        return InverseDynamics(torque / GEAR_RATIO, np.abs(imbalance).max(axis=1), gap)
 
     def torques(self, q: Array, v: Array, a: Array) -> Array:
         """Motor torques (T, 2) [N m] along a motion, with one stacked solve for the forces of the loop."""
-        forces, jacobians, _ = zip(*map(self.equation, q, v, a), strict=True)
-        r, back = np.array(forces), np.array(jacobians).transpose(0, 2, 1)
+        r, jacobians = self.equations(q, v, a)
+        back = jacobians.transpose(0, 2, 1)
         loop = solve_each(back[:, self.others], r[:, self.others])
         return np.asarray((r[:, self.motors] - np.matvec(back[:, self.motors], loop)) / GEAR_RATIO)
 
@@ -83,37 +83,44 @@ class Tree:
         The rows of tips that stay together, and of the platform, are MuJoCo's Jacobians at the tips; poses
         are solved in stacks.
         """
-        q, matrices = newton_in_stacks(lambda k, pose: self._equations(pose, x[k]), guess)
+
+        def evaluate(q: Array) -> tuple[Array, Array]:
+            places, slopes = self._tips(q)
+            one, other = slopes[:, 0], slopes[:, 1]  # (T, 2, nv)
+            residuals = np.hstack([places[:, 0] - places[:, 1], places[:, 0] - x])
+            return residuals, np.hstack([one - other, one])
+
+        q, matrices = newton_in_stacks(evaluate, guess)
         still = np.zeros_like(x)
         v = solve_each(matrices, np.hstack([still, dx]))
-        drift = np.array([self._drift(*state) for state in zip(q, v, strict=True)])
-        return q, v, solve_each(matrices, np.hstack([still, ddx]) - drift)
+        first, second = self._drifts(q, v).swapaxes(0, 1)
+        return q, v, solve_each(matrices, np.hstack([second - first, ddx - first]))
 
-    def _equations(self, q: Array, x: Array) -> tuple[Array, Array]:
-        """Residual (4,) at q (nv,) of tips that stay together, one of them at x (2,), and its derivatives."""
-        model, data = self.model, self.data
-        data.qpos[self.columns] = q
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        slopes = np.zeros((2, 3, model.nv))
-        for slope, site in zip(slopes, self.sites, strict=True):
-            mujoco.mj_jacSite(model, data, slope, None, site)
-        first, second = data.site_xpos[self.sites, :2]
-        one, other = slopes[:, :2, self.columns]
-        return np.concatenate([first - second, first - x]), np.vstack([one - other, one])
+    def _tips(self, q: Array) -> tuple[Array, Array]:
+        """Places (T, 2, 2) of the two tips at poses (T, nv), and their derivatives (T, 2, 2, nv)."""
+        model, data, (one, other) = self.model, self.data, self.sites
+        places, slopes = np.empty((len(q), 2, 3)), np.empty((len(q), 2, 3, model.nv))
+        for pose, place, slope in zip(q[:, self.order], places, slopes, strict=True):
+            data.qpos[:] = pose
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacSite(model, data, slope[0], None, one)
+            mujoco.mj_jacSite(model, data, slope[1], None, other)
+            place[:] = data.site_xpos[self.sites]
+        return places[..., :2], slopes[:, :, :2, self.columns]
 
-    def _drift(self, q: Array, v: Array) -> Array:
-        """The rows' second derivatives (4,) without accelerations of the joints."""
+    def _drifts(self, q: Array, v: Array) -> Array:
+        """Accelerations (T, 2, 2) of the two tips without accelerations of the joints."""
         model, data = self.model, self.data
-        data.qpos[self.columns], data.qvel[self.columns] = q, v
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_comVel(model, data)
-        rates = np.zeros((2, 3, model.nv))
-        for rate, site in zip(rates, self.sites, strict=True):
-            place, body = data.site_xpos[site], model.site_bodyid[site]
-            mujoco.mj_jacDot(model, data, rate, None, place, body)
-        first, second = rates[:, :2, self.columns] @ v
-        return np.concatenate([first - second, first])
+        rates = np.empty((len(q), 2, 3, model.nv))
+        for pose, velocity, rate in zip(q[:, self.order], v[:, self.order], rates, strict=True):
+            data.qpos[:], data.qvel[:] = pose, velocity
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            for site, slope in zip(self.sites, rate, strict=True):
+                mujoco.mj_jacDot(model, data, slope, None, data.site_xpos[site], model.site_bodyid[site])
+        return np.matvec(rates[:, :, :2], v[:, self.order][:, None])
 
     def imbalance(self, q: Array, v: Array, a: Array, torque: Array) -> Array:
         """What torques (T, 2) leave of all joints' equations, whatever the loop's force: (T,) [N m, N].
@@ -122,9 +129,8 @@ class Tree:
         its rank there.
         """
         left = []
-        for q_t, v_t, a_t, torque_t in zip(q, v, a, torque, strict=True):
-            r, jacobian, _ = self.equation(q_t, v_t, a_t)
-            r[self.motors] -= GEAR_RATIO * torque_t
+        for r, jacobian, motor in zip(*self.equations(q, v, a), torque, strict=True):
+            r[self.motors] -= GEAR_RATIO * motor
             force = np.linalg.lstsq(jacobian.T, r, rcond=None)[0]
             left.append(np.abs(r - jacobian.T @ force).max())
         return np.array(left)
