@@ -349,26 +349,18 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     motors = slice(10 * len(parameters.bodies), None)
     motor_columns = np.eye(len(parameters.names))[:, motors]
     link_values = [with_mass[frame.name] for frame in frames]
+    # damping and friction have typical sizes of this robot, a rotor that of its inertia in the file: a rotor
+    # that is zero there stays almost zero
+    motor_sizes = parameters.sizes[motors].reshape(-1, len(OF_MOTORS)).copy()  # (n_a, 3)
+    rotor = OF_MOTORS.index("rotor_inertia")
+    in_motors = parameters.values[motors].reshape(motor_sizes.shape)
+    motor_sizes[:, rotor] = np.maximum(in_motors[:, rotor], RANK_ROUNDING * motor_sizes[:, rotor])
     return LinkParameters(
         links=tuple(frame.name for frame in frames),
         values=np.concatenate([*link_values, parameters.values[motors]]),
-        prior_sizes=np.concatenate([*map(_link_sizes, link_values), _motor_prior_sizes(parameters, motors)]),
+        prior_sizes=np.concatenate([*map(_link_sizes, link_values), motor_sizes.ravel()]),
         to_parameters=np.concatenate([*columns, motor_columns], axis=1),
     )
-
-
-def _motor_prior_sizes(parameters: TorqueParameters, motors: slice) -> Array:
-    """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
-
-    The sizes of viscous and dry friction are typical ones of this robot. The size of a rotor is the file's
-    inertia. A rotor that is zero in the file stays almost zero: its size is RANK_ROUNDING times the typical
-    inertia of a motor.
-    """
-    sizes = parameters.sizes[motors].reshape(-1, len(OF_MOTORS)).copy()  # (n_a, 3)
-    in_file = parameters.values[motors].reshape(sizes.shape)
-    rotor = OF_MOTORS.index("rotor_inertia")
-    sizes[:, rotor] = np.maximum(in_file[:, rotor], RANK_ROUNDING * sizes[:, rotor])
-    return sizes.ravel()
 
 
 def _link_sizes(link: Array) -> Array:

@@ -399,12 +399,7 @@ class GaussNewton:
     """
 
     def __init__(self, geometry: Geometry, measured: Measurements, q: Array, prior: Array) -> None:
-        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise.
-
-        Args:
-            measured: the measurements at the T instants.
-            prior: (p,) standard deviations of the file's parameters [m, rad].
-        """
+        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise."""
         self.geometry = geometry
         self.model = geometry.model
         self.measured = measured

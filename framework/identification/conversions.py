@@ -73,22 +73,17 @@ class Conversions:
 
     def __str__(self) -> str:
         """Return the options of the command line that declare these conversions."""
-        values: dict[str, Mapping[str, str | float]] = {
+        options: dict[str, Mapping[str, str | float]] = {
             "--unit": self.units,
             "--sign": self.signs,
             "--zero": self.zeros,
             "--swap": self.swaps,
         }
-        return " ".join(
-            f"{option} {' '.join(f'{name}={_short(value)}' for name, value in pairs.items())}"
-            for option, pairs in values.items()
-            if pairs
-        )
-
-
-def _short(value: str | float) -> str:
-    """Return a word, or a number with up to six digits."""
-    return value if isinstance(value, str) else f"{value:g}"
+        words = []
+        for option, pairs in options.items():
+            values = {k: v if isinstance(v, str) else f"{v:g}" for k, v in pairs.items()}
+            words += [option, *(f"{column}={value}" for column, value in values.items())] if pairs else []
+        return " ".join(words)
 
 
 def load_recording(

@@ -205,8 +205,12 @@ def excite(
         acceleration=acceleration,
         clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
     )
+<<<<<<< HEAD
     random = np.random.default_rng(seed)
     z, q, first_cost, cost = _search(design, limits, trials, random, progress)
+=======
+    z, q, fall = _search(design, limits, trials, np.random.default_rng(seed), progress)
+>>>>>>> data
     motion = _complete(design, limits, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
@@ -217,7 +221,11 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
+<<<<<<< HEAD
         improvement=float(np.exp(first_cost - cost)),
+=======
+        improvement=float(np.exp(fall)),
+>>>>>>> data
         trials=trials,
     )
 
@@ -234,12 +242,6 @@ class _Limits(NamedTuple):
         """Return limits that are stricter by a share."""
         values = (self.torque * share, self.speed * share, self.acceleration * share, self.clearance / share)
         return _Limits(*values)
-
-
-class _Refused(NamedTuple):
-    """Why a motion is refused."""
-
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,34 +308,34 @@ class _Design:
 
     def evaluate(
         self, z: Array, functions: Array, guess: Array, limits: _Limits, times: Array
-    ) -> PeriodicMotion | _Refused:
+    ) -> PeriodicMotion | str:
         """Compute a motion z (K, n), or say which limit it violates, from a guess (T, nq) of the poses."""
         robot = self.robot
         x, dx, ddx = robot.platform_scale * (functions @ z)  # (T, n) each
         x = x + robot.reference.x
         size = np.linalg.norm(ddx / robot.platform_scale, axis=1).max() * robot.length
         if size > limits.acceleration:
-            return _Refused(f"the platform's acceleration reaches {size:.3g} m/s^2")
+            return f"the platform's acceleration reaches {size:.3g} m/s^2"
         closed = close_each(robot, x, guess, farthest=MAX_NEWTON_STEP)
         if not closed.closed.all():
-            return _Refused("the loops do not close everywhere")
+            return "the loops do not close everywhere"
         beyond = shares_beyond_limits(robot.limits, closed.q)
         if beyond.any():
             joint = robot.limits[int(beyond.max(axis=0).argmax())].joint
-            return _Refused(f"{joint} leaves its range")
+            return f"{joint} leaves its range"
         near = self.distances(closed.linearised).min(axis=0) < limits.clearance
         if near.any():
-            return _Refused(f"it comes near a Type {1 + int(near.argmax())} singularity")
+            return f"it comes near a Type {1 + int(near.argmax())} singularity"
         motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
         if (np.abs(speed) > limits.speed).any():
-            return _Refused("a motor exceeds its speed limit")
+            return "a motor exceeds its speed limit"
         regressor = parameter_regressor(robot, motion, self.base.described)
         to_motors = np.linalg.pinv(regressor.motors)  # (T, n_a, n)
         rows = to_motors @ regressor.matrix[:, :, self.base.combinations.leading]
         torque = rows @ self.base.values + np.matvec(to_motors, regressor.constant)
         if (np.abs(torque) > limits.torque).any():
-            return _Refused("a motor exceeds its torque limit")
+            return "a motor exceeds its torque limit"
         dry = robot.joint_friction[robot.actuated] * np.sign(speed) / robot.gear_ratio
         angle = robot.gear_ratio * robot.actuated_coordinates(closed.q)
         return PeriodicMotion(times, closed.q, x, angle, speed, torque, dry, rows)
@@ -352,11 +354,18 @@ def _search(
     trials: int,
     random: np.random.Generator,
     progress: Callable[[float], None],
+<<<<<<< HEAD
 ) -> tuple[Array, Array, float, float]:
     """Search the motion of least cost by an evolution strategy.
 
     Returns:
         z (K, n); the poses (INSTANTS, nq); the costs of the first motion and of this one.
+=======
+) -> tuple[Array, Array, float]:
+    """Search the motion z (K, n) of least cost by an evolution strategy.
+
+    Return z, its poses q (INSTANTS, nq), and how far the cost fell.
+>>>>>>> data
     """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
@@ -369,17 +378,15 @@ def _search(
     guess = np.tile(robot.reference.q, (INSTANTS, 1))
     z = np.zeros(shape)
     step = largest_step
-    best: PeriodicMotion | _Refused = _Refused("")
+    best: PeriodicMotion | str = ""
     first = 0.1 * random.standard_normal(shape)
     for halving in range(24):
         z = first * 0.5**halving
         best = design.evaluate(z, functions, guess, strict, times)
         if isinstance(best, PeriodicMotion):
             break
-    if isinstance(best, _Refused):
-        raise NoAnswer(
-            f"{robot.name}: no motion near the reference keeps the limits: however small, {best.reason}"
-        )
+    if isinstance(best, str):
+        raise NoAnswer(f"{robot.name}: no motion near the reference keeps the limits: however small, {best}")
     cost = first_cost = design.cost(best)
     for k in range(trials):
         progress(k + 1)
@@ -392,7 +399,11 @@ def _search(
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
+<<<<<<< HEAD
     return z, best.q, first_cost, cost
+=======
+    return z, best.q, first_cost - cost
+>>>>>>> data
 
 
 def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:
@@ -403,7 +414,7 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
     times = np.arange(int(design.duration * rate * (1.0 + SAME_PLACE)) + 1) / rate
     coarse = design.period * np.arange(INSTANTS) / INSTANTS
     nearest = np.round(times / design.period * INSTANTS).astype(int) % INSTANTS
-    motion: PeriodicMotion | _Refused = _Refused("")
+    motion: PeriodicMotion | str = ""
     for _ in range(40):
         motion = design.evaluate(z, design.functions(coarse), q, limits, coarse)
         if isinstance(motion, PeriodicMotion):
@@ -413,14 +424,14 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
                 part = slice(start, start + CHUNK)
                 functions = design.functions(times[part])
                 motion = design.evaluate(z, functions, q[nearest[part]], limits, times[part])
-                if isinstance(motion, _Refused):
+                if isinstance(motion, str):
                     break
                 parts.append(motion)
             else:
                 return PeriodicMotion(*map(np.concatenate, zip(*parts, strict=True)))
         z = 0.97 * z
-    assert isinstance(motion, _Refused)
-    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion.reason}")
+    assert isinstance(motion, str)
+    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion}")
 
 
 # ------------------------------------------------------------------ the check by simulation

@@ -214,10 +214,8 @@ def _dimensions_with(
         R = move[:3, :3]  # of rotations about x, y, z in turn
         y = np.arcsin(np.clip(R[0, 2], -1.0, 1.0))
         moves.append([*move[:3, 3], np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
-    closures = [
-        {closure.name: closure.length or 0.0 for closure in one.closures} for one in (other, description)
-    ]
-    changed = [closures[0][name] - closures[1][name] for name in lengths]
+    new, old = ({c.name: c.length or 0.0 for c in one.closures} for one in (other, description))
+    changed = [new[name] - old[name] for name in lengths]
     return np.concatenate([*map(np.array, moves), changed])
 
 
@@ -227,8 +225,7 @@ def _dependent_dimensions(
     """Return the joints and closures whose dimensions depend on parameters of the robot file."""
     depend: set[str] = set()
     for name, step in zip(numbers, _steps(description, numbers), strict=True):
-        change = {name: step}
-        values = _dimensions_with(description, tuple(joints), tuple(lengths), change)
+        values = _dimensions_with(description, tuple(joints), tuple(lengths), {name: step})
         moves, changes = np.split(values, [6 * len(joints)])
         moved = [j for j, move in zip(joints, moves.reshape(-1, 6), strict=True) if np.abs(move).max() > 0.0]
         moved += [closure for closure, length in zip(lengths, changes, strict=True) if length]

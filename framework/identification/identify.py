@@ -282,7 +282,7 @@ def identify(
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, start=start, progress=progress)
     rows = torque_rows(robot, measured, base)
     if held_out is None:
-        is_test = _mask_held_out(measured.times)
+        is_test = _blocks(measured.times) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1  # the last of these blocks
         test, rows = rows.restrict(is_test), rows.restrict(~is_test)
     else:
         other = measured_motion(
@@ -328,11 +328,6 @@ def identify(
     )
 
 
-def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the times (T,) held out: the last of every HELD_OUT_EVERY of the BLOCKS."""
-    return _blocks(times) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-
-
 def _blocks(times: Array) -> IntArray:
     """Return the index (T,) of each instant's block among BLOCKS of equal duration."""
     share = (times - times[0]) / (times[-1] - times[0])
@@ -356,7 +351,8 @@ def free_parameters(
     Raises:
         InvalidInput: an unknown name.
     """
-    names = link_parameter_names(robot, links)
+    names = [f"{link}.{name}" for link in links.links for name in INERTIAL]
+    names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
     if not only:
         return np.arange(len(names))
     parts = {name.rpartition(".")[0] for name in names}
@@ -373,12 +369,6 @@ def free_parameters(
             if name.endswith(ends) or asked in (name, name.rpartition(".")[0])
         )
     return np.array(sorted(chosen), dtype=np.intp)
-
-
-def link_parameter_names(robot: ParallelRobot, links: LinkParameters) -> Names:
-    """Return the names (u,) of the parameters of links and motors."""
-    of_links = [f"{link}.{name}" for link in links.links for name in INERTIAL]
-    return (*of_links, *(f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS))
 
 
 def _payload(robot: ParallelRobot, base: BaseParameters, links: LinkParameters) -> list[int]:

@@ -78,7 +78,7 @@ class SmoothedSamples(NamedTuple):
     errors: SplineErrors
 
     def thin(self, stride: int) -> SmoothedSamples:
-        """Return every `stride`-th sample."""
+        """Return every `stride`-th sample, with the errors of all."""
         return self._replace(values=self.values[:, ::stride], rate_error=self.rate_error[::stride])
 
 

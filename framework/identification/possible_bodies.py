@@ -82,24 +82,14 @@ def fit_possible_parameters(
 def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
     """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
 
-    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
-    the `file_values` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
-    the size of rounding are allowed.
+    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). The diagonal D
+    gives the `file_values` (10,) mass 1 and largest second moment 1, so that rounding is relative to 1,
+    whatever the units and the link. Negative eigenvalues of the size of rounding are allowed.
     """
-    D = _balancing_scale(file_values)
+    diagonal = np.diag(pseudo_inertia(file_values))  # three second moments and the mass
+    mass = diagonal[3]
+    largest = diagonal[:3].max() or mass  # a point mass at the origin has no moments: they get its scale
+    D = np.diag(1.0 / np.sqrt([largest, largest, largest, mass]))
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
     offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
-
-
-def _balancing_scale(parameters: Array) -> Array:
-    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
-
-    P is the pseudo-inertia (4, 4) of a link's parameters (10,). Its diagonal holds three second moments and
-    the mass. Rounding in D P D is then relative to 1, whatever the units and the link.
-    """
-    diagonal = np.diag(pseudo_inertia(parameters))
-    largest = diagonal[:3].max()
-    if largest == 0.0:  # a point mass at the origin has no moments: they get the scale of the mass
-        largest = diagonal[3]
-    return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))

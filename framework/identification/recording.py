@@ -137,6 +137,7 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
 
 
 def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: Sequence[str]) -> list[float]:
+<<<<<<< HEAD
     """Read the numbers in some columns of one row.
 
     Args:
@@ -144,6 +145,13 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
         header: names of all columns.
         columns: indices of the columns to read.
         cells: texts of the row.
+=======
+    """Read the numbers of the row `cells` at indices `columns`; `where` names file and line.
+
+    Raises:
+        InvalidInput: another number of cells than of names in `header`; a cell that is no number of at most
+            LARGEST_NUMBER.
+>>>>>>> data
     """
     if len(cells) != len(header):
         hint = "; decimals need points, not commas" if len(cells) == 2 * len(header) else ""
@@ -242,17 +250,10 @@ def record_sensors(
 def _add_sensor_errors(
     random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
 ) -> Array:
-    """Add normal noise to values (T, k), and round to multiples of a step.
-
-    Args:
-        random: draws the noise.
-        noise: standard deviation, for each column (k,) or one for all.
-        step: resolution, for each column (k,) or one for all; columns with a step of 0 are not rounded.
-    """
+    """Add normal noise to values (T, k), and round to multiples of a step, for each column or one for all."""
     noisy = values + noise * random.standard_normal(values.shape)
-    has_step = np.asarray(step) > 0
-    divisor = np.where(has_step, step, 1.0)  # against 0 / 0
-    return np.where(has_step, np.round(noisy / divisor) * step, noisy)
+    divisor = np.where(np.asarray(step) > 0, step, 1.0)  # against 0 / 0
+    return np.where(np.asarray(step) > 0, np.round(noisy / divisor) * step, noisy)
 
 
 def make_sensors(properties: dict[str, float]) -> Sensors:

@@ -48,11 +48,10 @@ def torque_rows(
 ) -> TorqueRows:
     """Compute the equations of the motor torques at the T instants of a recorded motion.
 
-    An exact motion has no response to errors of k = 0 signals.
+    An exact motion has an empty response.
     """
     chunk = 512  # instants whose regressors of all joints are in memory at once
     leading = base.combinations.leading
-    signals = 0 if exact_motion else len(measured.errors.noise)
     scale = np.sqrt(np.mean(measured.torque**2, axis=0))  # (n_a,) the diagonal of E
     matrices, responses, constants, torques, least = [], [], [], [], []
     for start in range(0, len(measured.times), chunk):
@@ -62,8 +61,8 @@ def torque_rows(
         scaled_G = regressor.motors * scale  # (t, n, n_a) G' E
         B = scale[:, None] * np.linalg.pinv(scaled_G)  # (t, n_a, n)
         matrices.append(B @ regressor.matrix[:, :, leading])
-        joints = _joints_by_signals(robot, motion, of_motors=measured.source == "motors")[..., :signals]
-        responses.append(_response(robot, motion, joints, base, B))
+        if not exact_motion:
+            responses.append(_response(robot, motion, base, B, of_motors=measured.source == "motors"))
         constants.append(np.matvec(B, regressor.constant))
         torques.append(np.matvec(B @ regressor.motors, measured.torque[part]))
         unit_G = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
@@ -75,7 +74,7 @@ def torque_rows(
     return TorqueRows(
         times=measured.times,
         matrix=np.concatenate(matrices),
-        response=np.concatenate(responses),
+        response=np.concatenate(responses or [np.empty(0)]),
         constant=np.concatenate(constants),
         torque=np.concatenate(torques),
         valid=sign_known & (clearances > MIN_NOISE_RATIO * clearances.max())[:, None],
@@ -84,18 +83,16 @@ def torque_rows(
     )
 
 
-def _joints_by_signals(robot: ParallelRobot, motion: Motion, *, of_motors: bool) -> Array:
-    """Compute rates (T, nv, k) of joints for unit rates of motors' joints, N N_a^+, or of the platform, N."""
-    _, N = motor_speeds(robot, motion.linearised)  # (T, nv, n)
-    return N @ np.linalg.pinv(N[:, robot.actuated]) if of_motors else N
-
-
-def _response(robot: ParallelRobot, motion: Motion, joints: Array, base: BaseParameters, B: Array) -> Array:
+def _response(
+    robot: ParallelRobot, motion: Motion, base: BaseParameters, B: Array, *, of_motors: bool
+) -> Array:
     """Compute derivatives (T, n_a, r, k) of the equations with respect to accelerations of k signals.
 
-    The regressor is linear in the accelerations, so that differences are exact. `joints` (T, nv, k) are those
-    of all joints for unit ones of the signals.
+    Joints accelerate by N (T, nv, n) for unit accelerations of the platform, by N N_a^+ for those of motors.
+    The regressor is linear in the accelerations, so that differences are exact.
     """
+    _, N = motor_speeds(robot, motion.linearised)
+    joints = N @ np.linalg.pinv(N[:, robot.actuated]) if of_motors else N  # (T, nv, k)
     at_rest = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
     still = parameter_regressor(robot, at_rest, base.described).matrix
     response = np.zeros((*B.shape[:2], base.rank, joints.shape[2]))
