@@ -205,12 +205,7 @@ def excite(
         acceleration=acceleration,
         clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
     )
-<<<<<<< HEAD
-    random = np.random.default_rng(seed)
-    z, q, first_cost, cost = _search(design, limits, trials, random, progress)
-=======
     z, q, fall = _search(design, limits, trials, np.random.default_rng(seed), progress)
->>>>>>> data
     motion = _complete(design, limits, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
@@ -221,11 +216,7 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
-<<<<<<< HEAD
-        improvement=float(np.exp(first_cost - cost)),
-=======
         improvement=float(np.exp(fall)),
->>>>>>> data
         trials=trials,
     )
 
@@ -354,18 +345,10 @@ def _search(
     trials: int,
     random: np.random.Generator,
     progress: Callable[[float], None],
-<<<<<<< HEAD
-) -> tuple[Array, Array, float, float]:
-    """Search the motion of least cost by an evolution strategy.
-
-    Returns:
-        z (K, n); the poses (INSTANTS, nq); the costs of the first motion and of this one.
-=======
 ) -> tuple[Array, Array, float]:
     """Search the motion z (K, n) of least cost by an evolution strategy.
 
     Return z, its poses q (INSTANTS, nq), and how far the cost fell.
->>>>>>> data
     """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
@@ -399,11 +382,7 @@ def _search(
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-<<<<<<< HEAD
-    return z, best.q, first_cost, cost
-=======
     return z, best.q, first_cost - cost
->>>>>>> data
 
 
 def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:

@@ -137,21 +137,11 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
 
 
 def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: Sequence[str]) -> list[float]:
-<<<<<<< HEAD
-    """Read the numbers in some columns of one row.
-
-    Args:
-        where: file and line, for messages.
-        header: names of all columns.
-        columns: indices of the columns to read.
-        cells: texts of the row.
-=======
     """Read the numbers of the row `cells` at indices `columns`; `where` names file and line.
 
     Raises:
         InvalidInput: another number of cells than of names in `header`; a cell that is no number of at most
             LARGEST_NUMBER.
->>>>>>> data
     """
     if len(cells) != len(header):
         hint = "; decimals need points, not commas" if len(cells) == 2 * len(header) else ""
