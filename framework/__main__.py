@@ -12,7 +12,7 @@ from framework.numerics.interruption import SIGNALS, defer_signals, interruptibl
 
 ENDED_BY = {128 + number for number in SIGNALS}  # exit codes
 # Objects between two searches for garbage, not Python's 700: imports and figures make many objects and hardly
-# any cycle, and searching them all takes a tenth of the time of `plan --out`.
+# any cycle, and searching them all takes a twentieth of the time of `plan --out`.
 GARBAGE_THRESHOLD = 20_000
 
 

@@ -59,7 +59,7 @@ TRIED = [  # a wrong command line, its exit code, what to try
     (f"plan five_bar {LINE}", 2, f"plan five_bar {LINE} --duration 1"),
     (f"plan five_bar --scene A {LINE}", 2, "plan five_bar --scene A"),
     ("plan five_bar --scene C --duration 0.3", 2, "plan five_bar --scene C --duration 0.3 --law optimal"),
-    ("plan five_bar --scene C --law optimal --times 1", 2, "plan five_bar --scene C --law optimal"),
+    ("plan five_bar --scene C --law optimal --times 2", 2, "plan five_bar --scene C --law optimal"),
     ("plan five_bar --scene C --smoothness 1", 2, "plan five_bar --scene C"),
     ("plan five_bar --scene C --bend --raw", 2, "plan five_bar --scene C --bend"),
     ("simulate five_bar --scene A --sensors", 2, "simulate five_bar --scene A --sensors --out run"),
@@ -80,7 +80,7 @@ TRIED = [  # a wrong command line, its exit code, what to try
 ]
 SLOW = {  # optimal laws; the plain suite tries the one of scene B
     "plan five_bar --scene C --duration 0.3",
-    "plan five_bar --scene C --law optimal --times 1",
+    "plan five_bar --scene C --law optimal --times 2",
     "simulate five_bar --scene B --method stiff",
     "plan --law polynomial five_bar --scene C --times 0.01",
     "plan five_bar --scene C --law optimal --torque-limit=0.01",

@@ -287,9 +287,16 @@ def test_out_writes_the_plan_and_its_figures(document, tmp_path):
     out = tmp_path / "new" / "folder"
     printed = document(*PLAN, "--scene", "C", "--flexibility", "flexible_links", "--out", out)
     assert {path.name for path in out.iterdir()} == {
-        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt")
+        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt"),
+        *("vibrations.csv", "response.csv"),
     }
     assert (out / "figures.txt").read_text() == "five_bar, flexible_links"
+    natural = np.genfromtxt(out / "vibrations.csv", delimiter=",", names=True)
+    assert natural["s"][-1] == pytest.approx(1.0)
+    assert natural["locked_1"].min() < 1e-3 * natural["locked_1"].max()  # [Hz] at the crossing, t = 1 s
+    response = np.genfromtxt(out / "response.csv", delimiter=",", names=True)
+    assert np.isfinite(response["gain_x_left_motor"]).all()
+    assert len(response) % len(natural) == 0
     stored = json.loads((out / "plan.json").read_text())
     assert list(stored) == list(printed)
     assert {**stored, "seconds": 0} == {**printed, "seconds": 0}

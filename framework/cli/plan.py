@@ -246,16 +246,17 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
     (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
     (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
     save_figures(plan, folder)
-    if plan.robot.n_e:
-        _write_vibrations(plan, folder)
+    _write_vibrations(plan, folder)
 
 
 def _write_vibrations(plan: CrossingPlan, folder: FilePath) -> None:
-    """Write natural frequencies and the response to motor torques along the path: two tables and a figure."""
-    from framework.show.plots import save_figure
-    from framework.show.vibration_figures import path_vibrations, plot_vibrations
+    """Write natural frequencies and the response to torques along the path of a robot with springs."""
+    from framework.show.vibration_figures import path_vibrations
 
-    s, result = path_vibrations(plan)
+    found = path_vibrations(plan)
+    if found is None:
+        return
+    s, result = found
     robot = plan.robot
     locked, free = (
         [f"{kind}_{k + 1}" for k in range(values.shape[1])]
@@ -271,7 +272,6 @@ def _write_vibrations(plan: CrossingPlan, folder: FilePath) -> None:
     tables = ((heads, rows), (columns, np.column_stack(parts)))
     for name, (names, table) in zip(VIBRATION_FILES, tables, strict=True):
         np.savetxt(folder / name, table, fmt="%.7g", delimiter=",", header=",".join(names), comments="")
-    save_figure(lambda: plot_vibrations(plan, s, result), folder / "vibrations")
 
 
 def _make_plan(
@@ -367,8 +367,10 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
         least = f"has a peak below {peaks[best.reference.argmax()].text}"
     over = cost / bound.value - 1.0
-    uncounted = "" if best.specification.drives is None else ", curves and RMS torques not counted"
-    return [Fact("bound", f"no law {least}{uncounted}, this one {100 * over:.1f} % more")]
+    counted_not = ["required times"] * bool(best.specification.times)
+    counted_not += ["torque-speed curves and RMS torques"] * (best.specification.drives is not None)
+    uncounted = f"; {' and '.join(counted_not)} are not counted" if counted_not else ""
+    return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more{uncounted}")]
 
 
 def plan_lines(plan: CrossingPlan) -> list[str]:

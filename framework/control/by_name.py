@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
@@ -29,25 +28,6 @@ class Setting(NamedTuple):
     models: LinearModels | None = None  # about the reference, for the spread and these estimates
 
 
-def _tune_feedforward(setting: Setting) -> Controller:
-    """Tune planned torques with feedback of each motor."""
-    reference, loop, _spread, tuning, _models = setting
-    return FeedforwardPD.tune(reference, loop=loop, bandwidth=tuning.bandwidth, integral=tuning.integral)
-
-
-def _tune_computed_torque(setting: Setting, *, aware: bool) -> Controller:
-    """Tune computed torque, aware of the singularity or not."""
-    reference, loop, _spread, tuning, _models = setting
-    return ComputedTorque.tune(
-        reference, aware=aware, loop=loop, bandwidth=tuning.bandwidth, integral=tuning.integral
-    )
-
-
-def _tune_lqr(setting: Setting) -> Controller:
-    """Tune time-varying gains for a measured state."""
-    return tune_lqr(setting.reference, loop=setting.loop, weights=Weights(torque=setting.tuning.torque_share))
-
-
 def _tune_lqg(setting: Setting) -> Controller:
     """Tune time-varying gains with a Kalman filter."""
     reference, loop, spread, tuning, models = setting
@@ -55,12 +35,20 @@ def _tune_lqg(setting: Setting) -> Controller:
     return models._replace(tuning=tuning).tune_lqg(loop)[0]
 
 
+def _gains(setting: Setting) -> dict[str, Any]:
+    """Return loop, bandwidth and integral of controllers with fixed gains."""
+    tuning = setting.tuning
+    return {"loop": setting.loop, "bandwidth": tuning.bandwidth, "integral": tuning.integral}
+
+
 CONTROLLERS: Mapping[str, Callable[[Setting], Controller]] = {
-    "feedforward": _tune_feedforward,
-    "lqr": _tune_lqr,
+    "feedforward": lambda one: FeedforwardPD.tune(one.reference, **_gains(one)),
+    "lqr": lambda one: tune_lqr(
+        one.reference, loop=one.loop, weights=Weights(torque=one.tuning.torque_share)
+    ),
     "lqg": _tune_lqg,
-    "computed_torque": partial(_tune_computed_torque, aware=True),
-    "naive_computed_torque": partial(_tune_computed_torque, aware=False),
+    "computed_torque": lambda one: ComputedTorque.tune(one.reference, aware=True, **_gains(one)),
+    "naive_computed_torque": lambda one: ComputedTorque.tune(one.reference, aware=False, **_gains(one)),
 }
 
 

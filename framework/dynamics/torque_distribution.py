@@ -44,7 +44,7 @@ MAX_ROUNDS = 8  # of adding rows
 MAX_NODES = 16  # of a cell, on which internal torques are polynomials times a smooth projector
 ROOMS = (0.1 * LIMIT_MARGIN,)  # shares of limits that are left free, tried in turn
 PEAK_ROUNDING = 1e-5  # share by which a least peak may be exceeded: an error of the solver
-ROW_ROUNDING = 1e-6  # share by which a limit is exceeded at a node that then gets rows
+ROW_ROUNDING = 3e-5  # share by which a limit is exceeded at a node that then gets rows
 
 
 class InternalSplines(NamedTuple):
@@ -306,10 +306,12 @@ class _SharedMotion:
             # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
             sizes = np.abs(self._shares_with(internal.x) + self.friction)
             beside = np.maximum(sizes, self._largest_beside(internal.x))
-            is_exceeded = beside > (1.0 + ROW_ROUNDING) * internal.peak * limit / self.reference
+            ratio = beside / (internal.peak * limit / self.reference)
+            is_exceeded = ratio > 1.0 + ROW_ROUNDING
             if not is_exceeded.any():
                 break
-            allowed[is_exceeded] *= sizes[is_exceeded] / beside[is_exceeded]
+            between = is_exceeded & has_row & (beside > sizes)
+            allowed[between] /= ratio[between]
             has_row |= is_exceeded
         return internal
 

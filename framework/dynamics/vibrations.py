@@ -23,11 +23,12 @@ from framework.dynamics.stiffness import (
     natural_frequencies,
     softest_motion,
 )
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, real_numbers
 from framework.kinematics.line_springs import Lines
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.fields import not_negative
 
 LOSS = 0.02  # of bolted steel and gears: 1 % of the critical damping
 SHOWN_FREQUENCIES = 4  # natural frequencies of each pose, with locked and with free motors
@@ -68,24 +69,28 @@ def platform_vibrations(
         loss: loss factor of the springs, in addition to the damping of the robot file.
 
     Raises:
-        InvalidInput: the robot has no springs; a motor moves neither mass nor a spring.
+        InvalidInput: q leaves the loops open; the robot has no springs; a frequency or the loss is negative;
+            a motor moves neither mass nor a spring.
     """
     expect_robot(robot)
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    linearised = linearised_at(robot, q)
+    closed = assembled_at(robot, q, stacks=True)
+    q, linearised = closed.q, closed.linearised
     locked = compliant_motions(robot, linearised, q)
     columns = np.concatenate([robot.actuated, robot.unlocked])
     free = compliant_motions(robot, linearised, q, columns=columns)
     natural = natural_frequencies(locked, min(SHOWN_FREQUENCIES, locked.K.shape[1]))
-    with_rigid = natural_frequencies(free, min(robot.n_a + SHOWN_FREQUENCIES, free.K.shape[1]))
-    resonances = with_rigid[:, robot.n_a :]  # without the motions of the rigid robot, one a motor
+    with_rigid = natural_frequencies(free, min(robot.n + SHOWN_FREQUENCIES, free.K.shape[1]))
+    resonances = with_rigid[:, robot.n :]  # without the n motions of the rigid robot
     stiffness, softest = softest_motion(robot, locked)
     if frequencies is None:
         vibrating = np.concatenate([natural, resonances], axis=1)
         vibrating = vibrating[vibrating > 0.0]
         lowest, highest = np.percentile(vibrating, [20, 100]) if vibrating.size else (1.0, 100.0)
         frequencies = np.geomspace(0.1 * lowest, 2.0 * highest, 150)
-    frequency = np.atleast_1d(np.asarray(frequencies, dtype=float))
+    frequency = np.atleast_1d(real_numbers("frequencies", frequencies))
+    if frequency.ndim > 1 or not (np.isfinite(frequency) & (frequency > 0.0)).all():
+        raise InvalidInput(f"frequencies: needs numbers above 0 [Hz], got {frequencies!r}")
+    not_negative("loss", loss)
     damping = _damping(robot, linearised, free, columns)
     response = _frequency_response(robot, free, damping, frequency, loss)
     return Vibrations(robot, natural, resonances, stiffness, softest, frequency, response)

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput, check_choice, choose_from, short
+from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
-from framework.numerics.fields import LARGEST_NUMBER, MAX_ROWS, not_negative, positive
+from framework.numerics.fields import MAX_ROWS, not_negative, positive
 from framework.numerics.input import csv_rows, read_text
 from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE

@@ -49,6 +49,7 @@ from framework.tolerances import NEWTON_STEP
 # Smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart. Larger ones are taken
 # wherever the guess comes from: near a singular point the torques' error is theirs over the distance to it.
 ROUNDING_STEP = 2e-15
+SMALL_STACK = 70  # instants that are sooner linearised once more than left out
 
 
 def require_square(robot: ParallelRobot) -> None:
@@ -124,7 +125,8 @@ def close_each(
 
     At platform coordinates x (T, n) all joints move; if x is None only the passive joints do. Springs keep
     the deflections of the guess. Steps are scaled down to `MAX_NEWTON_STEP`. An instant where the equations
-    are singular, or where a step is too large, is dropped as not `closed`, and the others go on.
+    are singular, or where a step is too large, is dropped as not `closed`, and the others go on, each up to
+    its own last step.
 
     Args:
         x: (T, n) platform coordinates, or None.
@@ -136,8 +138,9 @@ def close_each(
     columns = robot.following if x is None else robot.moving  # of the joints that move
     units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
     q = guess.copy()
+    closed = np.zeros(len(q), dtype=bool)
     inputs = q if x is None else np.concatenate([q, x], axis=1)
-    # indices of the instants that have not been dropped, at first those with finite inputs
+    # indices of the instants that still take steps, at first those with finite inputs
     (live,) = np.isfinite(inputs).all(axis=1).nonzero()
     step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
     longest = np.inf  # of these, if any
@@ -166,10 +169,14 @@ def close_each(
         # scale long steps down, then take all of them
         steps /= np.maximum(step_size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * units)
+        if len(live) > SMALL_STACK and longest >= enough:
+            is_last = step_size < enough
+            if np.count_nonzero(is_last) > 0.5 * len(live):  # the others go on alone
+                closed[live[is_last]] = True
+                live, step_size = live[~is_last], step_size[~is_last]
 
-    closed = np.zeros(len(q), dtype=bool)
     closed[live] = step_size < enough
-    if len(live) < len(q):  # the last `linearised` lacks the instants that were dropped
+    if len(live) < len(q):  # the last `linearised` lacks the instants that have ended earlier
         linearised = linearised_at(robot, q, x)
     return NewtonResult(q, linearised, closed)
 

@@ -17,10 +17,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.errors import InvalidInput, check_order, real_numbers
+from framework.errors import LARGEST_NUMBER, InvalidInput, check_order, real_numbers
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
-from framework.numerics.fields import LARGEST_NUMBER
 from framework.numerics.ordered_sums import solve
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 

@@ -12,11 +12,10 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from framework.errors import InvalidInput, check_order, expect_call, real_numbers
+from framework.errors import InvalidInput, check_order, expect_call, finite_numbers, real_numbers
 from framework.laws.law import compose_derivatives
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import gauss_legendre
-from framework.numerics.fields import LARGEST_NUMBER
 from framework.tolerances import PATH_JUMP, SAME_PLACE, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
@@ -57,10 +56,7 @@ def check_points(points: Any, least: int, kind: str) -> Array:
         raise InvalidInput(f"{kind}: points must be lists of numbers of one length, got {points!r}") from None
     if array.ndim != 2 or array.shape[0] < least or array.shape[1] < 1:
         raise InvalidInput(f"{kind}: needs at least {least} points (m, n), got {points!r}")
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{kind}: points must be finite numbers, got {points!r}")
-    if (np.abs(array) > LARGEST_NUMBER).any():
-        raise InvalidInput(f"{kind}: points must be at most {LARGEST_NUMBER:g} in size, got {points!r}")
+    finite_numbers(f"{kind}: points", array, array.shape[1], stacks=True)
     if (array[1:] == array[:-1]).all(axis=1).any():
         raise InvalidInput(f"{kind}: two points in a row are the same: {points!r}")
     return array

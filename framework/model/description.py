@@ -15,9 +15,17 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from framework.errors import InvalidInput, RobotFileError, check_choice, check_name, finite_numbers, short
+from framework.errors import (
+    LARGEST_NUMBER,
+    InvalidInput,
+    RobotFileError,
+    check_choice,
+    check_name,
+    finite_numbers,
+    short,
+)
 from framework.numerics.arrays import Array, Names, ReadOnlyArrays
-from framework.numerics.fields import LARGEST_NUMBER, Table, anything, one_of, optional, read_table
+from framework.numerics.fields import Table, anything, one_of, optional, read_table
 
 # Each level has all springs of the level before it, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")

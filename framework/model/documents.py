@@ -19,11 +19,18 @@ import yaml
 from yaml import CSafeLoader
 from yaml.composer import Composer
 
-from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, nearest, short
+from framework.errors import (
+    LARGEST_NUMBER,
+    InvalidInput,
+    MissingPackage,
+    RobotFileError,
+    check_name,
+    nearest,
+    short,
+)
 from framework.model.description import SMALLEST_LENGTH
 from framework.model.placement import from_rpy, placement
 from framework.numerics.arrays import Array
-from framework.numerics.fields import LARGEST_NUMBER
 
 LEADING_BLANKS = "\ufeff \t\r\n"  # characters that may precede the first element
 MAX_XML_ELEMENTS = 200_000

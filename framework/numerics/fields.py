@@ -16,10 +16,9 @@ from functools import partial
 from numbers import Real
 from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import InvalidInput, RobotFileError, check_name, choose_from, short
+from framework.errors import LARGEST_NUMBER, InvalidInput, RobotFileError, check_name, choose_from, short
 
 MIN_ROWS, MAX_ROWS = 2, 10_000_000  # of the table of a motion
-LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of larger numbers overflow
 T = TypeVar("T")
 Reader = Callable[[str, Any], T]  # (where, raw) -> typed value
 

@@ -59,8 +59,7 @@ def csv_rows(where: str, text: str) -> Iterator[tuple[int, list[str]]]:
         raise InvalidInput(f"{where}: is empty")
     if "," not in first and (";" in first or "\t" in first):
         raise InvalidInput(
-            f"{where}: line 1: its cells are not separated by commas; save it with commas between cells and "
-            f"points in numbers"
+            f"{where}: line 1: no commas; save it with commas between cells and decimal points"
         )
     reader = csv.reader(io.StringIO(text))
     line = 0

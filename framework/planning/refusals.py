@@ -69,6 +69,8 @@ The optimal law:
         planning.optimal.undeformed_law.refuse_law
     NoLaw: no law was found from the speed at the start, though from a slower one
         planning.optimal.undeformed_law.refuse_law
+    NoLaw: no law was found that crosses at the required times within the limits
+        planning.optimal.undeformed_law.refuse_law
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle

@@ -213,7 +213,10 @@ class Request(PlanOptions):
         end = self.duration or self.longest or np.inf
         for t in self.times or ():
             if not 0.0 < t < end:
-                raise InvalidInput(f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}")
+                refusal = InvalidInput(
+                    f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}"
+                )
+                raise self._advise_change(refusal, times=None, speeds=None)
         if self.longest is not None and self.duration is not None:
             refusal = InvalidInput("longest: bounds a duration that is open; give either, not both")
             raise self._advise_change(refusal, duration=None)

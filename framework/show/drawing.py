@@ -22,7 +22,7 @@ from framework.dynamics.platform_wrench import action_lines
 from framework.errors import check_choice
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import carried_points, joint_poses, planar_normal
+from framework.kinematics.placements import carried_points, frame_origins, joint_poses, planar_normal
 from framework.model.visuals import Shape
 from framework.moved_modules import renamed_names
 from framework.numerics.arrays import LEAST_DIVISOR, Array
@@ -33,6 +33,7 @@ from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Projection, Sight, film_sight, robot_sight
 from framework.show.style import (
     ALARM,
+    CROSSING,
     GIVEN,
     LOCUS,
     PATH,
@@ -46,8 +47,10 @@ from framework.show.style import (
     use_style,
 )
 from framework.singularity.drawn_locus import locus_curves
+from framework.tolerances import SAME_PLACE
 
 ROUND_OUTLINE_CORNERS = 32  # polygon corners of a round outline
+COILS = 6  # of a spring between two points
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from a mesh to the light
 
 
@@ -84,6 +87,8 @@ def draw_robot(
     edges[is_solid, :3] *= 0.6  # a solid has a dark outline, a triangle of a mesh none of its own
     outlines = [face.outline for face in faces]
     ax.add_collection(PolyCollection(outlines, facecolors=colors, edgecolors=edges, linewidths=0.4, zorder=1))
+    for line in _coil_lines(robot, q):
+        ax.plot(*sight.onto(line).T, color=CROSSING, linewidth=0.8, zorder=2)
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.grid(visible=False)
@@ -92,6 +97,25 @@ def draw_robot(
     else:
         ax.set(xlabel=f"{_axis_name(sight.onto.right)}  [m]", ylabel=f"{_axis_name(sight.onto.up)}  [m]")
     return ax
+
+
+def _coil_lines(robot: ParallelRobot, q: Array) -> list[Array]:
+    """Return the coils of springs between points at q (nq,) as lines (m, 3) [m], straight ends included."""
+    poses = joint_poses(robot, q[None])
+    ends = [frame_origins(robot, poses, frame)[0] for frame in robot.frames]
+    along = np.linspace(0.2, 0.8, 2 * COILS + 1)
+    sideways = 0.02 * robot.length * np.array([0.0, *[1.0, -1.0] * COILS])
+    lines = []
+    for first, second in zip(robot.line_springs.first, robot.line_springs.second, strict=True):
+        start, end = ends[first], ends[second]
+        if np.linalg.norm(end - start) < SAME_PLACE * robot.length:
+            continue
+        across = planar_normal(robot)
+        across = np.array([0.0, 0.0, 1.0]) if across is None else np.cross(across, end - start)
+        across = across / (np.linalg.norm(across) or 1.0)
+        coil = start + along[:, None] * (end - start) + sideways[:, None] * across
+        lines.append(np.concatenate([[start, coil[0]], coil, [start + 0.8 * (end - start), end]]))
+    return lines
 
 
 def draw_scale_bar(ax: Axes, length: float) -> None:
@@ -260,19 +284,25 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw t_s and W_p at frame k as arrows on the paper.
 
     The arrows are the linear parts or, of a platform that only turns, the angular parts. t_s has one length
-    in all frames, and W_p has this length where it is largest.
+    in all frames, and W_p has this length where it is largest. W_p stands beside, with a leader, where both
+    lie on one another in the picture of the singular instant.
     """
     reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))  # [m] the robot, or what is seen of it
     foot = onto(film.platform[k])
     part = slice(3) if len(film.robot.platform.sliding) else slice(3, 6)
-    twist = film.twists[k, part]
     demands = film.demands[:, part]  # W_p of all frames
     largest = np.linalg.norm(demands, axis=1).max()
-    twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
-    demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
+    twists = film.twists[[k, film.key_frame], part]  # (2, 3)
+    speeds = np.maximum(np.linalg.norm(twists, axis=1, keepdims=True), LEAST_DIVISOR)
+    twist, twist_there = onto(twists * ARROW_LENGTH * reach / speeds)
+    demand, demand_there = onto(demands[[k, film.key_frame]] * ARROW_LENGTH * reach / (largest or 1.0))
+    across = np.array([twist_there[1], -twist_there[0]])  # to the right of t_s
+    overlap = abs(across @ demand_there) < 0.5 * np.linalg.norm(across) * np.linalg.norm(demand_there)
+    beside = foot + 1.1 * across if overlap else foot
+    ax.plot(*np.stack([foot, beside], axis=1), color=WRENCH, linewidth=0.6, linestyle=":", zorder=7)
     label = r"$\mathbf{t}_s$" if film.instants else "nearest to uncontrolled"
-    draw_arrow(ax, foot, onto(twist), TWIST, label)
-    draw_arrow(ax, foot, onto(demand), WRENCH, r"$\mathbf{W}_p$", both=False)
+    draw_arrow(ax, foot, twist, TWIST, label)
+    draw_arrow(ax, beside, demand, WRENCH, r"$\mathbf{W}_p$", both=False)
     _draw_turn(film, ax, k, onto)
 
 

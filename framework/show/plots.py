@@ -43,6 +43,7 @@ from framework.show.style import (
     new_figure,
     save_pages,
 )
+from framework.show.vibration_figures import path_vibrations, plot_vibrations
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import SAME_PLACE
 
@@ -201,7 +202,9 @@ def plot_phase_plane(
     # s, s' and s" of each plan
     laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
     tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
-    _draw_phase_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
+    curves = limit_curves(plan)
+    if curves.known:
+        _draw_phase_limits(axes, curves, tops, plan.robot.torque_units[0])
     for k, (each, law) in enumerate(zip(plans, laws, strict=True)):
         for ax, values in zip(axes, law[1:], strict=True):
             ax.plot(law[0], values, label=f"{each.law.kind}, {each.duration:.3g} s", **line_style(k))
@@ -255,7 +258,8 @@ def plot_raw_torques(
 def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes]]:
     """Return functions that draw the figures of a plan and its film, by name.
 
-    Plans with crossings also have the eye; optimal laws also have the phase plane. Each function returns one
+    Plans with crossings also have the eye, optimal laws the phase plane, robots with springs the vibrations
+    (`plot_vibrations`). Each function returns one
     of its axes, which stands for the whole figure.
     """
     drawings: dict[str, Callable[[], Axes]] = {
@@ -270,6 +274,8 @@ def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes
         drawings["eye"] = lambda: plot_eyes([film], limit_for_picture(plan.robot, film.torque))
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
+    if path_vibrations(plan) is not None:
+        drawings["vibrations"] = lambda: plot_vibrations(plan)
     return drawings
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -10,6 +12,7 @@ from matplotlib.figure import Figure
 
 from framework.dynamics.stiffness import PlatformStiffness
 from framework.dynamics.vibrations import Vibrations, platform_vibrations
+from framework.errors import InvalidInput
 from framework.kinematics.placements import (
     frame_origins,
     joint_poses,
@@ -26,7 +29,7 @@ from framework.show.style import ALARM, CROSSING, TWIST, draw_dashed, figure_fil
 SHOWN_MODES = 5  # vibrations that are drawn
 DRAWN_MOTION = 0.15  # [rad, robot lengths] of the joint that a mode moves most
 COLUMNS = 3
-PATH_POSES = 41  # of a plan, at equal steps in time
+PATH_POSES = 61  # of a plan, at equal steps in time
 
 
 def plot_modes(result: PlatformStiffness) -> Figure:
@@ -81,14 +84,27 @@ def _sticks(result: PlatformStiffness, poses: Array) -> Array:
     return np.array(lines)
 
 
-def path_vibrations(plan: CrossingPlan) -> tuple[Array, Vibrations]:
-    """Return path coordinates (T,) at equal steps in time, and the vibrations of a plan's poses there."""
+@lru_cache(maxsize=1)
+def path_vibrations(plan: CrossingPlan) -> tuple[Array, Vibrations] | None:
+    """Return path coordinates (T,) at equal steps in time, and the vibrations of a plan's poses there.
+
+    None without springs, and if a motor moves neither mass nor a spring, which has no response.
+    """
+    if not plan.robot.n_e:
+        return None
     times = np.linspace(0.0, plan.duration, PATH_POSES)
-    return plan.law(times), platform_vibrations(plan.robot, plan.dynamics.configuration(times))
+    try:
+        found = platform_vibrations(plan.robot, plan.dynamics.configuration(times))
+    except InvalidInput:
+        return None
+    return (plan.law(times), found) if np.isfinite(found.gain).all() and found.gain.min() > 0.0 else None
 
 
-def plot_vibrations(plan: CrossingPlan, s: Array, result: Vibrations) -> Axes:
+def plot_vibrations(plan: CrossingPlan) -> Axes:
     """Plot over the path natural frequencies, and the platform's acceleration by motor torques."""
+    found = path_vibrations(plan)
+    assert found is not None
+    s, result = found
     drawing = Figure(figsize=(3.5, 4.6), layout="constrained")
     top, ax = drawing.subplots(2, 1, sharex=True)
     for k, curve in enumerate(result.natural.T):

@@ -60,7 +60,7 @@ def test_motion_csv_is_a_recording(tmp_path):
         ([HEADER, ROWS[0].replace(".", ",") + ",0"], "12 cells for 6 columns; decimals need points"),
         (
             [line.replace(",", ";") for line in [HEADER, *ROWS]],
-            "line 1: its cells are not separated by commas",
+            "line 1: no commas; save it with commas",
         ),
         ([HEADER, ROWS[0]], "1 rows of numbers"),
         ([HEADER, ROWS[1], ROWS[0]], "time does not advance after line 2"),

@@ -5,6 +5,7 @@ import pytest
 
 import robots
 from framework import Line, NotAssembled, track_path
+from framework.kinematics import inverse_kinematics
 from framework.kinematics.inverse_kinematics import close_each, close_loops
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import keeps_working_mode, mode_signs
@@ -57,6 +58,24 @@ def test_an_empty_stack_closes(robot):
 
 REACHED = np.array([[0.1, 0.345], [0.08, 0.33], [0.02, 0.3]])
 TOO_FAR = np.array([[0.1, 2.0]])
+
+
+def test_instants_of_a_large_stack_end_at_their_own_last_step(robot, monkeypatch):
+    """Of 202 instants one starts far away and one never closes: the others wait for neither."""
+    x = np.array([[0.1, 0.345], *np.linspace([0.1, 0.345], [0.02, 0.3], 200), [0.1, 2.0]])
+    guess = close_loops(robot, x[1:-1], np.repeat(robot.q_near[None], 200, axis=0)).q
+    guess = np.vstack([guess[-1], guess, robot.q_near])
+    evaluated = []
+    linearise = inverse_kinematics.linearised_at
+    monkeypatch.setattr(
+        inverse_kinematics, "linearised_at", lambda r, q, *x: evaluated.append(len(q)) or linearise(r, q, *x)
+    )
+    q, linearised, closed = close_each(robot, x, guess)
+    assert closed.tolist() == [True] * 201 + [False]
+    assert sum(evaluated) < 4 * len(x)
+    np.testing.assert_array_equal(linearised.frames.q, q)
+    np.testing.assert_allclose(linearised.residual[:-1], 0.0, atol=1e-15)
+    np.testing.assert_allclose(q[0], q[1], rtol=0, atol=1e-14)
 
 
 def guesses(robot, count: int):

@@ -9,19 +9,23 @@ and q have poles along one direction: whatever the limits, the range closes to t
 
 from __future__ import annotations
 
+from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.dynamics.motor_friction import motor_friction
+from framework.dynamics.torque_distribution import internal_frames
 from framework.kinematics.continuation.tracking import track_path
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array
-from framework.planning.optimal.phase_plane import Demand, demand
+from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
 from framework.planning.result import CrossingPlan
 
 LAW_SAMPLES = 241  # instants of the law, besides those at a crossing
 CROSSING_OFFSETS = np.geomspace(1e-5, 0.05, 25)  # of instants beside a crossing, over the duration
+MAX_COMBINATIONS = 100  # of torques that redundant motors share, whose limits are compared pair by pair
 CORNER_ROUNDING = 1e-9  # share of a limit by which a corner of the region may exceed it
 
 
@@ -40,6 +44,11 @@ class LimitCurves(NamedTuple):
     highest_acceleration: Array  # (T,) [1/s^2]
     torque_limit: Array  # (n_a,) [N m], motor side
 
+    @property
+    def known(self) -> bool:
+        """Whether torques limit s" anywhere; unknown where many redundant motors share the load."""
+        return bool(np.isfinite(self.highest_acceleration).any())
+
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
     """Compute the limits of s' and s" along a plan; without torque limits, its peak torque is the limit."""
@@ -48,8 +57,11 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
     required = _motor_demand(plan, s)
-    lowest, highest = _bound_acceleration(required, speed, torque_limit)
-    fastest = highest_speed(required, torque_limit, speed_limit)
+    limits = torque_limit
+    if plan.optimality is not None and plan.optimality.specification.shares_freely:
+        required, limits = _combine_torques(required, torque_limit, plan.robot.n_a - plan.robot.n)
+    lowest, highest = _bound_acceleration(required, speed, limits)
+    fastest = highest_speed(required, limits, speed_limit)
     return LimitCurves(s, speed, acceleration, fastest, lowest, highest, torque_limit)
 
 
@@ -61,6 +73,34 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> Demand:
     friction = required.friction(motor_friction(robot, plan.request.friction))
     torque = required.torque._replace(constant=required.torque.constant + friction)
     return required._replace(torque=torque)
+
+
+def _combine_torques(required: Demand, limit: Array, r: int) -> tuple[Demand, Array]:
+    """Combine torques that redundant motors share freely; return S combinations and their limits (S,).
+
+    In units of the limits, torques t have a distribution within [-1, 1] if |nu . t| <= |nu|_1 for all nu that
+    are orthogonal to the r internal torques. Those of r + 1 motors, the others zero, suffice. The limits are
+    infinite if there are more than MAX_COMBINATIONS of them.
+
+    Args:
+        required: torques of the motors.
+        limit: torque limits (n_a,).
+        r: number of redundant motors.
+    """
+    limited = np.flatnonzero(np.isfinite(limit))
+    if comb(len(limited), r + 1) > MAX_COMBINATIONS:
+        return required, np.full(len(limit), np.inf)
+    assert required.internal is not None
+    internal = internal_frames(required.internal, r) / limit[:, None]  # (T, n_a, r)
+    subsets = np.array(list(combinations(limited, r + 1)), dtype=int).reshape(-1, r + 1)
+    # the last left singular vector of r + 1 rows is orthogonal to their r columns
+    nu = np.linalg.svd(internal[:, subsets])[0][..., -1]  # (T, S, r + 1)
+    weights = np.zeros((len(internal), *subsets.shape[:1], len(limit)))
+    np.put_along_axis(weights, np.broadcast_to(subsets, nu.shape), nu / limit[subsets], axis=2)
+    weights /= np.abs(nu).sum(axis=2, keepdims=True)
+    torque = AffineInSpeed(*(np.matvec(weights, part) for part in required.torque))
+    damping = np.matvec(weights, required.damping)
+    return required._replace(torque=torque, damping=damping), np.ones(len(subsets))
 
 
 def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:

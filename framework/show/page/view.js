@@ -77,6 +77,7 @@ class View {
     viewer.scene.add(grid);
     const tools = this.element.appendChild(document.createElement("div"));
     tools.className = "tools";
+    tools.append(`cells of ${Number(step.toPrecision(1))} m`);
     for (const [sign, title, act] of [["+", "zoom in", () => this.zoom(0.8)], ["−", "zoom out", () => this.zoom(1.25)], ["⤢", "fit the robot into the picture", () => this.frame()]]) {
       const button = tools.appendChild(document.createElement("button"));
       Object.assign(button, { type: "button", textContent: sign, title, onclick: act });
