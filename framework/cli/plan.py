@@ -367,14 +367,9 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
         least = f"has a peak below {peaks[best.reference.argmax()].text}"
     over = cost / bound.value - 1.0
-    uncounted = "".join(
-        f"; {what} are not counted"
-        for what, given in (
-            ("required times", best.specification.times),
-            ("curves and RMS torques", best.specification.drives),
-        )
-        if given
-    )
+    uncounted_limits = ["required times"] * bool(best.specification.times)
+    uncounted_limits += ["torque-speed curves and RMS torques"] * (best.specification.drives is not None)
+    uncounted = f"; {' and '.join(uncounted_limits)} are not counted" if uncounted_limits else ""
     return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more{uncounted}")]
 
 

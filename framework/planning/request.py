@@ -99,8 +99,9 @@ class Request(PlanOptions):
     def __post_init__(self) -> None:
         """Check each option by itself, then options of the law against each other."""
         expect_path(self.path)
+        values = vars(self)
         for name, option in OPTIONS.items():
-            value = getattr(self, name)
+            value = values[name]
             is_left_open = value is None and DEFAULTS[name] is None  # None is the default
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
