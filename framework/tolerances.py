@@ -574,6 +574,9 @@ Deflections move the crossing, and the law is sought again with the moved one: t
 flexible joints leaves 2e-14. The programs before the rows of speed were kept left up to 0.8.
 """
 
+REQUIRED_TIME_ERROR = 1e-10
+"""Time of an elastic robot's crossing less the time required, over the latter; sought as the speed above."""
+
 MAX_END_RATE = 1e-3
 """Rate of a spring at the ends of an elastic optimal motion, over its own largest.
 
@@ -683,4 +686,38 @@ MAX_PREDICTED_SHARE = 0.5
 
 Two standard deviations reach the tolerance. Of 24 elastic robots with sensors those below 0.5 passed in all
 runs but a few, those above 1 in half of them or fewer; at 1 robots count as safe of which half fail.
+"""
+
+CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33), (30.0, 0.33))
+"""Weights of lqg that are tried in turn: factors on the noise in the filter's model, and on the torque share.
+
+More noise makes the filter trust its sensors more than its springs, a smaller torque share moves the poles of
+the loop away from vibrations. Each step is a factor of about 3, since a loop that passes by a factor of 2 in
+MAX_PREDICTED_SHARE bears one of them. They were tried in this order, and not derived.
+"""
+
+LEAST_ROOM = 0.05
+"""Share of a motor's peak torque that counts as left for feedback where the plan is at the limit.
+
+At the limit nothing is left, and a deviation over it would be infinite for every law of least time. The
+number is a choice: a deviation of 5 % of the peak at the limit counts as one that is cut.
+"""
+
+TRIAL_RUNS = 20
+"""Wrong robots of which all must pass, before sensors or a margin are named.
+
+If all of n robots pass, more than 0.05^(1/n) of all robots pass with a confidence of 95 %: 86 % for 20. Twice
+as many would show 93 %, at twice the time.
+"""
+
+LARGEST_MARGIN = 0.4
+"""Share of the torque limits up to which a robust plan may leave them to feedback.
+
+Beyond, motors 1 / (1 - 0.4) = 1.7 times as strong would serve the plan as well; the search ends there.
+"""
+
+MARGIN_STEP = 0.0125
+"""Margin to which the search for a robust plan halves its last interval; it begins with twice as much.
+
+Where inertia dominates, the least time goes with 1 / sqrt(limits): what is left open costs 0.6 % of it.
 """

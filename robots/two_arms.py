@@ -1,7 +1,7 @@
 """Two arms that carry one box, the box the platform: a parallel robot declared by a robot file alone.
 
-Both hands are rigid with the box; 12 motors hold 6 degrees of freedom, none is passive, and the torques are
-those of least norm. Scenes: lift and turn the box.
+Both hands are rigid with the box; 12 motors share the load of 6 degrees of freedom, none is passive. Scenes:
+lift and turn the box.
 """
 
 from __future__ import annotations

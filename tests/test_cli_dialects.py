@@ -37,6 +37,11 @@ def test_a_foreign_file_is_checked_converted_and_located(crossing, file, options
     assert found["s"] == pytest.approx(0.667006874764298, abs=1e-12)
 
 
+def test_a_platform_of_too_few_coordinates_is_converted_for_check_to_explain(crossing, tmp_path):
+    said = ["--platform", "tip_predecessor", "--axes", "x", *SAID[-3:]]
+    assert crossing("convert", PLUS, *said, "--out", str(tmp_path))[0] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

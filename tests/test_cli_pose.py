@@ -139,4 +139,15 @@ def test_an_elastic_pose_has_its_stiffness_by_axis_and_direction_and_its_vibrati
     frequencies = np.array([one["frequency"] for one in told["vibrations"]])
     np.testing.assert_allclose((frequencies / frequencies[0]) ** 2, least / least[0], rtol=1e-6)
     assert "stiffness" not in document(*words)
-    assert "softest along" in crossing(*words, "--flexibility", "flexible_links")[1]
+    assert "softest           " in crossing(*words, "--flexibility", "flexible_links")[1]
+
+
+@pytest.mark.slow
+def test_the_softest_direction_and_the_vibrations_of_a_pose_are_drawn(crossing, tmp_path):
+    words = ["pose", "five_bar", "--platform", "0.05", "0.3", "--flexibility"]
+    picture = tmp_path / "modes.svg"
+    assert "drawn" in crossing(*words, "flexible_links", "--picture", picture)[1]
+    assert picture.read_bytes().startswith(b"<?xml")
+    assert main([*words, "rigid", "--picture", str(tmp_path / "rigid.svg")]) == 2
+    assert main([*words, "flexible_links", "--picture", str(tmp_path / "modes.bmp")]) == 2
+    assert [file.name for file in tmp_path.iterdir()] == ["modes.svg"]

@@ -86,7 +86,8 @@ QUESTIONS = {
     "framework.dynamics.platform_wrench": None,
     "framework.dynamics.instant": {"Instant"},
     "framework.dynamics.pointwise_dynamics": None,
-    "framework.dynamics.stiffness": {"platform_stiffness"},
+    "framework.dynamics.stiffness": {"PlatformStiffness", "platform_stiffness"},
+    "framework.dynamics.vibrations": {"Vibrations", "platform_vibrations"},
     "framework.simulation": {"Simulation", "simulate"},
     "framework.simulation.methods": {"METHODS"},
 }

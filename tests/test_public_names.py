@@ -131,7 +131,7 @@ OF_THE_COMPUTATION = {
     "CompliantMotions", "EquationsOfMotion", "KeptChunks", "Smoothstep", "SpeedBasis", "Stretch", "Terms",
     "WorldForces",
     "Continuation", "Cubics", "DenseFactors", "Equations", "FrameMotions", "FrameStack", "LinearModels",
-    "LinearisedLoops",
+    "LinearisedLoops", "LineSprings",
     "LockedDirections", "LoopRows", "LoopStructure", "LoopWrenches", "MotorCurves", "Polynomials",
     "Projection", "Shape",
     "Specification", "SquarePart",

@@ -29,7 +29,7 @@ from framework.atlas.map_files import (
 )
 from framework.atlas.quantities import QUANTITIES, choose_quantities, has_loaded, quantity_unit
 from framework.atlas.survey import Window, grid_shape, map_axes, survey_window
-from framework.atlas.workspace_map import WorkspaceMap, workspace_map
+from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -101,7 +101,20 @@ def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
             f"{{l1: [0.2, 0.3]}}, and ${{l1}} where they count"
         )
     if table is not None:
-        return _read_table(Path(table), declared)
+        text = read_text(Path(table), f"{table}: cannot read the table")
+        rows = [cells for _, cells in csv_rows(f"{table}", text)]
+        if len(rows) < 2:
+            raise InvalidInput(f"{table}: needs a line of parameters and a line of values for each design")
+        names = tuple(name.strip() for name in rows[0])
+        for name in names:
+            if name not in declared:
+                raise InvalidInput(f"{table}: {choose_from('parameter', name, declared)}")
+        if len(set(names)) < len(names):
+            raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
+        if len(rows) > MAX_DESIGNS:
+            raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
+        values = [finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]]
+        return Designs(names, np.array(values))
     count = math.prod(map(len, declared.values()))
     if count > MAX_DESIGNS:
         raise InvalidInput(f"{file}: {count} designs; at most {MAX_DESIGNS} are studied")
@@ -190,16 +203,9 @@ def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
         ranges = np.reshape(task.window, (-1, 2))  # one axis a row: least value, largest value
         axes = map_axes(robot, task.axes)
         window = Window(axes, ranges[:, 0], ranges[:, 1], grid_shape(axes, task.size), robot.reference.x)
-    return _statistics(workspace_map(robot, window, task.keys))
-
-
-def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
-    """Return the areas of a map, or lengths of a stroke, and the ranges of its quantities, by column.
-
-    `area` is the area of all reached poses, `free_area` that of poses in the reference's assembly mode, and
-    `carried_area` that of poses that carry the load. The reached pose nearest to the reference determines the
-    assembly mode.
-    """
+    # areas, or lengths of a stroke: of all reached poses, of those in the assembly mode of the reached pose
+    # nearest to the reference (`free_`), and of those that carry the load (`carried_`)
+    workspace = workspace_map(robot, window, task.keys)
     reached = workspace.reached
     distance = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
     nearest = np.argmin(np.where(reached, distance, np.inf))  # index of the flattened grid
@@ -248,29 +254,6 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     table = [*((name, table_cells(values)) for name, values in columns), (WHY, study.why)]
     # the document is stored with the arrays too
     return write_document_and_arrays(folder / DOCUMENT, document, document, arrays, table)
-
-
-def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
-    """Read designs from a CSV table, of parameters `declared` with their values by name.
-
-    Raises:
-        InvalidInput: the table has undeclared or repeated names, too many designs, or cells that are not
-            numbers.
-    """
-    text = read_text(table, f"{table}: cannot read the table")
-    rows = [cells for _, cells in csv_rows(f"{table}", text)]
-    if len(rows) < 2:
-        raise InvalidInput(f"{table}: needs a line of parameters and a line of values for each design")
-    names = tuple(name.strip() for name in rows[0])
-    for name in names:
-        if name not in declared:
-            raise InvalidInput(f"{table}: {choose_from('parameter', name, declared)}")
-    if len(set(names)) < len(names):
-        raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
-    if len(rows) > MAX_DESIGNS:
-        raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
-    values = [finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]]
-    return Designs(names, np.array(values))
 
 
 __getattr__ = renamed_names(__name__, {"designs_of": "read_designs"})

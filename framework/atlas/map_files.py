@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from framework.atlas.quantities import Quantity, find_wrench, quantity_unit
+from framework.atlas.quantities import Quantity, find_wrench, quantity_unit, softest_directions
 from framework.atlas.survey import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
+from framework.dynamics.stiffness import direction_in_words
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.output import json_text, package_versions
 
@@ -87,10 +88,25 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
             "name": quantity.name,
             "unit": quantity_unit(workspace.robot, quantity),
             **value_range(workspace.values[quantity.key]),
+            **_describe_softest(workspace, quantity),
         }
         for quantity in workspace.quantities
     }
     return document
+
+
+def _describe_softest(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
+    """Say where a stiffness is least, and in which direction; empty for other quantities."""
+    robot, values = workspace.robot, workspace.values[quantity.key]
+    if not quantity.softest or not np.isfinite(values).any():
+        return {}
+    row, column = np.unravel_index(np.nanargmin(values), values.shape)
+    window = workspace.window
+    x = window.constants.copy()
+    x[list(window.axes)] = [span[k] for span, k in zip(window.spans, (row, column), strict=False)]
+    (twist,) = softest_directions(robot, quantity, workspace.q[row, column][None])
+    words = direction_in_words(robot.axis_names, twist)
+    return {"softest": {"place": robot.place(x), "direction": twist.tolist(), "words": words}}
 
 
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
@@ -112,7 +128,20 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         **({} if workspace.load is None else {"load": workspace.load}),
         **workspace.values,
     }
-    table = list(_table_columns(workspace).items())
+    # the columns of the table by name, with one entry per pose
+    points = workspace.window.points()  # (I, J, n)
+    columns: dict[str, list[Any]] = {
+        workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
+    }
+    columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
+    # 0 of poses that are not reached becomes an empty cell
+    columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
+    if workspace.load is not None:
+        words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
+        columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
+    for quantity in workspace.quantities:
+        columns[quantity.key] = table_cells(workspace.values[quantity.key])
+    table = list(columns.items())
     document = map_document(workspace)
     setup = map_setup(workspace)
     return write_document_and_arrays(folder / DOCUMENT, document, setup, arrays, table)
@@ -151,23 +180,6 @@ def write_document_and_arrays(
 def table_cells(values: np.ndarray) -> list[Any]:
     """Return numbers (...) as a list of table cells, empty for NaN."""
     return ["" if math.isnan(value) else value for value in values.ravel().tolist()]
-
-
-def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
-    """Return the columns of a map's table by name, with one entry per pose."""
-    points = workspace.window.points()  # (I, J, n)
-    columns: dict[str, list[Any]] = {
-        workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
-    }
-    columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
-    # 0 of poses that are not reached becomes an empty cell
-    columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
-    if workspace.load is not None:
-        words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
-        columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
-    for quantity in workspace.quantities:
-        columns[quantity.key] = table_cells(workspace.values[quantity.key])
-    return columns
 
 
 def value_range(values: np.ndarray) -> dict[str, float | None]:

@@ -3,14 +3,10 @@
 The distance to the nearest singular pose is the margin from Type 2 (`nearest_singular_pose`). Rays start at
 the platform coordinates x of the pose in many directions. Continuation follows all of them at once until the
 branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method looks for the
-foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the locus. From y
-it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
-
-    y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
-
-The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
-radius of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
-bounds differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
+foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the locus. The
+foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the radius
+of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The bounds
+differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
 
 The nearest pose to a target is sought among the poses that are joined to the reference (`nearest_pose`). A
 search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are sampled
@@ -355,7 +351,14 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
     for _ in range(max_steps):
         # the step to the point of the linearised locus
         try:
-            g, a = _linearise_g(centre, pose)
+            # g and its slopes a (n,) along the offset z from the centre at one pose
+            robot = centre.robot
+            linearised = linearised_at(robot, pose.q[None])
+            measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
+            E = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))  # (1, n, n)
+            rates = joint_rates(robot, linearised, E[0].T[:, None])[:, 0]  # (n, nv) at unit rates of x
+            g = measure.g[0]
+            a = (rates @ measure.by_q[0]) * robot.platform_scale
         except NotAssembled:
             return None
         square = a @ a
@@ -373,21 +376,6 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
             return None
         pose = _Poses(end.q[0], next_z)
     return None
-
-
-def _linearise_g(centre: _Centre, pose: _Poses) -> tuple[float, Array]:
-    """Compute g and its slopes (n,) along the offset z from the centre at one pose.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints, at the end of a branch.
-    """
-    robot = centre.robot
-    linearised = linearised_at(robot, pose.q[None])
-    measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
-    unit_twists = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))[0].T  # (n, n), one a row
-    rates = joint_rates(robot, linearised, unit_twists[:, None])[:, 0]  # (n, nv)
-    # g (1,) and its slopes by the joints (1, nv), of the one pose
-    return measure.g[0], (rates @ measure.by_q[0]) * robot.platform_scale
 
 
 # ------------------------------------------------------------------ targets out of reach
@@ -410,19 +398,8 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     search = PoseSearch(robot)
     sampled_q, sampled_x = _sample_poses(robot, _start_within_ranges(robot, search))  # (S, nq), (S, n)
     ends: list[NearestPose] = []
-    for k in _choose_starts((sampled_x - target) / robot.platform_scale):
-        ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
-        if not ends[-1].stops:  # the target is reached
-            break
-    return min(ends, key=lambda pose: pose.distance)
-
-
-def _choose_starts(offsets: Array) -> list[int]:
-    """Return indices of samples near the target, START_DISTANCE apart, nearest first.
-
-    Args:
-        offsets: (S, n) of the samples from the target [robot lengths, rad].
-    """
+    # samples to start from, START_DISTANCE apart, the nearest to the target first
+    offsets = (sampled_x - target) / robot.platform_scale  # (S, n)
     starts: list[int] = []
     distances = np.linalg.norm(offsets, axis=1)
     while len(starts) < STARTS and np.isfinite(distances).any():
@@ -430,7 +407,11 @@ def _choose_starts(offsets: Array) -> list[int]:
         starts.append(start)
         is_close = np.linalg.norm(offsets - offsets[start], axis=1) < START_DISTANCE
         distances[is_close] = np.inf
-    return starts
+    for k in starts:
+        ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
+        if not ends[-1].stops:  # the target is reached
+            break
+    return min(ends, key=lambda pose: pose.distance)
 
 
 def _start_within_ranges(robot: ParallelRobot, search: PoseSearch) -> tuple[float, ...]:

@@ -60,7 +60,12 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     curve = _find_curve(locus, cusp)
     free = [robot.actuator_names.index(name) for name in locus.free]  # the two motors
     scale = robot.column_scale[robot.actuated][free]
-    opening_x, opening_y = _opening_direction(robot, curve, cusp)[free] / scale
+    # the cusp opens towards the midpoint between the points of the curve on both arms next to the cusp
+    distance = np.linalg.norm(difference(robot, cusp.q, curve.q) / robot.column_scale, axis=1)
+    nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # with a neighbour on either side
+    turns = whole_turns(curve.motors[nearest] - cusp.motors)  # by which the curve's angles may be off
+    midpoint = 0.5 * (curve.motors[nearest - 1] + curve.motors[nearest + 1])
+    opening_x, opening_y = (midpoint - (cusp.motors + turns))[free] / scale
 
     # the circle starts between the arms of the locus
     angle = np.arctan2(opening_y, opening_x) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
@@ -81,19 +86,6 @@ def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
         if any(point is cusp for point in curve.cusps):
             return curve
     raise InvalidInput("cusp: needs to be one of `locus.cusps`")
-
-
-def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
-    """Compute the direction (n_a,) [rad, m] of the motors into which a cusp of a curve opens.
-
-    The direction leads from the cusp to the midpoint between the points of the curve on both arms next to the
-    cusp.
-    """
-    distance = np.linalg.norm(difference(robot, cusp.q, curve.q) / robot.column_scale, axis=1)
-    nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # with a neighbour on either side
-    turns = whole_turns(curve.motors[nearest] - cusp.motors)  # by which the curve's angles may be off
-    midpoint = 0.5 * (curve.motors[nearest - 1] + curve.motors[nearest + 1])
-    return midpoint - (cusp.motors + turns)
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:

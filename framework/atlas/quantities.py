@@ -17,10 +17,12 @@ from framework.dynamics.stiffness import (
     compliant_motions,
     least_stiffness,
     locked_motor_frequency,
+    moving_axes,
+    softest_motion,
 )
 from framework.dynamics.tangent_stiffness import check_wrench
 from framework.errors import InvalidInput, choose_from, finite_numbers
-from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.singularity.distances import Distances, singularity_distances
@@ -66,6 +68,7 @@ class Quantity:
     decades: bool = False  # whether it is drawn on a logarithmic scale
     signed: bool = False  # whether its sign has a meaning
     springs: bool = False  # whether it needs a robot with springs
+    softest: bool = False  # whether it is the stiffness in the softest direction, which is drawn
     loaded: bool = False  # whether it is computed at poses deflected by weight and `wrench`
     wrench: tuple[float, ...] | None = None  # (n,) external wrench ON the platform [N, N m]
 
@@ -123,6 +126,7 @@ QUANTITIES = {
             "N/m",
             decades=True,
             springs=True,
+            softest=True,
         ),
         Quantity("frequency", "first natural frequency, motors locked", "Hz", springs=True),
         Quantity(
@@ -131,6 +135,7 @@ QUANTITIES = {
             "N/m",
             decades=True,
             springs=True,
+            softest=True,
             loaded=True,
         ),
         Quantity(
@@ -172,7 +177,7 @@ def choose_quantities(
         InvalidInput: a name is unknown; a quantity needs springs, torque limits or translations that the
             robot does not have; the wrench has no potential, or no quantity depends on it.
     """
-    has_springs = robot.n_e or robot.joint_stiffness.any()
+    has_springs = robot.has_springs
     if names is None:
         names = ["conditioning"]
         names += ["torque"] if robot.translations.any() else []
@@ -249,6 +254,20 @@ def quantity_values(
     if has_loaded(quantities):
         values["load"] = poses.loaded.reason
     return values
+
+
+def softest_directions(robot: ParallelRobot, quantity: Quantity, q: Array) -> Array:
+    """Compute unit twists (T, n) along the platform's softest directions at q (T, nq).
+
+    They are those of the `quantity`, a stiffness, and zero along the axes that it does not count.
+    """
+    wrench = None if quantity.wrench is None else np.array(quantity.wrench)
+    poses = Poses(robot, q, linearised_at(robot, q), wrench)
+    twists = np.zeros((len(q), robot.n))
+    with np.errstate(all="ignore"):
+        free = poses.loaded.free if quantity.loaded else poses.compliance
+        twists[:, moving_axes(robot)] = softest_motion(robot, free)[1]
+    return twists
 
 
 def find_wrench(quantities: Sequence[Quantity]) -> tuple[float, ...] | None:

@@ -19,11 +19,15 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.continuation.predictor_corrector import measure_steps
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks, linearised_at
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    count_lost_ranks,
+    linearised_at,
+    linearised_at_reference,
+)
 from framework.kinematics.modes import ModeStates, share_working_mode
-from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
 from framework.tolerances import BRANCHES_CROSS
 
 STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
@@ -53,8 +57,13 @@ REASON_WORDS = {
 class StepEnds(NamedTuple):
     """The ends of steps from T poses."""
 
-    q: Array  # (T, nq) configurations, valid where the step was accepted
+    states: ModeStates  # valid where the step was accepted, as their configurations
     reason: ReasonArray  # (T,) REACHED where the step was accepted, else why not
+
+    @property
+    def q(self) -> Array:
+        """Configurations (T, nq), valid where the step was accepted."""
+        return self.states.q
 
 
 def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: Sequence[int]) -> None:
@@ -83,7 +92,8 @@ def _fill_lattice(
     """Fill the wanted poses (I, J) of one lattice in waves, in place.
 
     In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
-    not been tried before. If a pose fails for several reasons, the largest is stored.
+    not been tried before. If a pose fails for several reasons, the largest is stored. The end of a step hands
+    its state on to the steps that begin there.
 
     Args:
         x: (I, J, n) platform coordinates.
@@ -93,25 +103,50 @@ def _fill_lattice(
         parts: number of parts into which a step that is not trusted is divided.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
+    # rows and columns (S, 2) of the poses at which steps may begin or end, and the number of each
+    is_near = np.any([wanted, *(_shift_mask(wanted, *direction) for direction in DIRECTIONS)], axis=0)
+    places = np.argwhere(is_near)
+    numbers = np.cumsum(is_near).reshape(is_near.shape) - 1
+    reference = ModeStates.of(robot, linearised_at_reference(robot))
+    states = ModeStates(*(np.empty((len(places), *part.shape[1:])) for part in reference))
+    has_state = np.zeros(len(places), dtype=bool)
     while True:
-        # choose one neighbour for each pose
-        filled = np.isfinite(q[..., 0])
-        is_target = np.zeros(reason.shape, dtype=bool)
-        sources = np.zeros((*reason.shape, 2), dtype=np.intp)  # row and column of the neighbour
-        for k, (down, right) in enumerate(DIRECTIONS):
-            chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
-            untried[k] &= ~chosen
-            is_target |= chosen
-            sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
+        is_target, (i, j) = _choose_neighbours(np.isfinite(q[..., 0]), wanted, untried)
         if not is_target.any():
             return
-
+        starts, targets = numbers[i, j], numbers[is_target]
+        new = np.unique(starts[~has_state[starts]])
+        if len(new):
+            assign(states, new, ModeStates.of(robot, linearised_at(robot, q[tuple(places[new].T)])))
         # step from all of them at once
-        i, j = sources[is_target].T
-        ends = step_poses(robot, q[i, j], x[i, j], x[is_target], parts)
+        ends = _continue_states(robot, select(states, starts), x[i, j], x[is_target], parts)
         reached = ends.reason == PoseReason.REACHED
+        assign(states, targets[reached], select(ends.states, reached))
+        has_state[np.append(new, targets[reached])] = True
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
+
+
+def _choose_neighbours(
+    filled: BoolArray, wanted: BoolArray, untried: BoolArray
+) -> tuple[BoolArray, IntArray]:
+    """Choose a filled neighbour for each wanted pose that is not filled and has an untried one.
+
+    Args:
+        filled, wanted: masks (I, J).
+        untried: (4, I, J) neighbours of each pose in DIRECTIONS; those chosen are removed, in place.
+
+    Returns:
+        Mask (I, J) of these poses; rows and columns (2, poses) of their neighbours.
+    """
+    is_target = np.zeros(filled.shape, dtype=bool)
+    sources = np.zeros((*filled.shape, 2), dtype=np.intp)  # row and column of the neighbour
+    for k, (down, right) in enumerate(DIRECTIONS):
+        chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
+        untried[k] &= ~chosen
+        is_target |= chosen
+        sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
+    return is_target, sources[is_target].T
 
 
 def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
@@ -126,19 +161,26 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     A step that closes the loops but is not trusted (OTHER_MODE) is tried again in `parts` equal steps:
     shorter steps need smaller corrections, so they are trusted unless the branch really ends at Type 1.
     """
-    ends = _step_once(robot, q, start, end)
+    return _continue_states(robot, ModeStates.of(robot, linearised_at(robot, q)), start, end, parts)
+
+
+def _continue_states(
+    robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int
+) -> StepEnds:
+    """Continue T configurations as `step_poses` does."""
+    ends = _step_once(robot, states, start, end)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):
         return ends
 
-    # repeat these steps part by part; in place, `ends` holds the configurations reached so far
-    ends.q[untrusted] = q[untrusted]  # the starts
+    # repeat these steps part by part; in place, `ends` holds the states reached so far
+    assign(ends.states, untrusted, select(states, untrusted))  # the starts
     live = untrusted  # steps whose parts have all been accepted so far
     for k in range(parts):
         offset = end[live] - start[live]
         part_start = start[live] + offset * (k / parts)
-        part = _step_once(robot, ends.q[live], part_start, part_start + offset / parts)
-        ends.q[live] = part.q
+        part = _step_once(robot, select(ends.states, live), part_start, part_start + offset / parts)
+        assign(ends.states, live, part.states)
         ends.reason[live] = part.reason
         live = live[part.reason == PoseReason.REACHED]
         if not len(live):
@@ -146,23 +188,21 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     return ends
 
 
-def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
-    """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
+def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Array) -> StepEnds:
+    """Continue T configurations from `start` to `end` (T, n) in one step.
 
     A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
     OTHER_MODE, or OPEN if the loops do not close.
     """
     newton_steps = 10  # largest number that corrects a prediction
     # predict
-    linearised = linearised_at(robot, q, start)
     # The platform's step as a twist (T, n). If the platform turns, the same change of coordinates is one
     # twist at the start and another one at the end. The one at the end gives the tangent there, by which
     # steps are accepted. `twist` also returns a derivative, which is not used.
     start_twist, _ = robot.platform.twist(start, end - start)
     end_twist, _ = robot.platform.twist(end, end - start)
-    # (T, nv) step along the tangent, springs at rest
-    prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
-    predicted = integrate(robot, q, prediction)
+    prediction = states.joint_rates(robot, start_twist)  # (T, nv) step along the tangent, springs at rest
+    predicted = integrate(robot, states.q, prediction)
 
     # correct, and judge the steps that close
     corrected, end_linearised, closed = close_each(
@@ -170,24 +210,30 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     closed_steps = np.flatnonzero(closed)  # those not accepted below keep OTHER_MODE
+    closed_loops = end_linearised.select(closed_steps)
+    closed_states = ModeStates.of(robot, closed_loops)
     accepted = _accept_steps(
         robot,
-        linearised.select(closed_steps),
-        end_linearised.select(closed_steps),
-        end_twist[closed_steps],
+        select(states, closed_steps),
+        closed_states,
+        closed_loops,
         prediction[closed_steps],
+        closed_states.joint_rates(robot, end_twist[closed_steps]),
         difference(robot, predicted[closed_steps], corrected[closed_steps]),
     )
     reason[closed_steps[accepted]] = PoseReason.REACHED
-    return StepEnds(corrected, reason)
+    ends = select(states, np.arange(len(start)))  # a copy, of which the starts stay where no loop closes
+    assign(ends, closed_steps, closed_states)
+    return StepEnds(ends, reason)
 
 
 def _accept_steps(
     robot: ParallelRobot,
-    start: LinearisedLoops,
-    end: LinearisedLoops,
-    end_twist: Array,
+    starts: ModeStates,
+    ends: ModeStates,
+    end_loops: LinearisedLoops,
     prediction: Array,
+    end_step: Array,
     correction: Array,
 ) -> BoolArray:
     """Return a mask (k,) of the steps that keep working mode and branch.
@@ -196,19 +242,16 @@ def _accept_steps(
     from start to end, or else no other branch crosses at the end, to which the step could have jumped.
 
     Args:
-        start, end: linearised loops at the starts and at the ends of k steps.
-        end_twist: (k, n) the platform's steps as twists at the ends.
-        prediction: (k, nv) the joints' steps along the tangents at the starts.
+        starts, ends: of k steps.
+        end_loops: linearised loops at the ends.
+        prediction, end_step: (k, nv) the joints' steps along the tangents at the starts and at the ends.
         correction: (k, nv) offsets from the predicted to the closed configurations.
     """
-    end_step = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
     measure = measure_steps(robot, correction, prediction, end_step)
     # `small`: the correction is small; `straight`: the tangent turns little
-    accepted = measure.small.copy()
-
-    accepted &= share_working_mode(robot, ModeStates.of(robot, start), ModeStates.of(robot, end))
+    accepted = measure.small & share_working_mode(robot, starts, ends)
 
     # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
     turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much
-    accepted[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
+    accepted[turned] = count_lost_ranks(robot, end_loops.select(turned), BRANCHES_CROSS) == 0
     return accepted

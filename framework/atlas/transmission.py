@@ -147,11 +147,12 @@ def transmission(
     motors = G / robot.gear_ratio[:, None]  # dq_a/dx
     reflected = np.abs(np.linalg.inv(motors))  # (P, n, n_a)
     G0, _ = _rates(robot, assemble(robot, x0).q[None])
+    E = robot.platform.rate_matrix(np.array(poses))
     return LinkageTransmission(
         robot=robot,
         x=np.array(poses),
         gear=G,
-        inertia=_coordinate_inertia(robot, q, np.array(poses)),
+        inertia=E.swapaxes(1, 2) @ dynamics_at(robot, q).platform_inertia @ E,
         carried=carried,
         links=links,
         rotors=_rotor_inertia(robot, G),
@@ -199,12 +200,6 @@ def _rates(robot: ParallelRobot, q: Array) -> tuple[Array, Array]:
 def _rotor_inertia(robot: ParallelRobot, G: Array) -> Array:
     """Compute G' I G (P, n, n)."""
     return G.swapaxes(1, 2) @ (robot.rotor_inertia[:, None] * G)
-
-
-def _coordinate_inertia(robot: ParallelRobot, q: Array, x: Array) -> Array:
-    """Compute the inertia (P, n, n) per unit accelerations of x, from `dynamics_at`."""
-    E = robot.platform.rate_matrix(x)
-    return E.swapaxes(1, 2) @ dynamics_at(robot, q).platform_inertia @ E
 
 
 def _with_bodies(robot: ParallelRobot, *, carried: bool) -> ParallelRobot:

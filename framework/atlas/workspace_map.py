@@ -21,8 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.ndimage import distance_transform_edt
 
 from framework.atlas.quantities import (
     Quantity,
@@ -44,7 +42,7 @@ from framework.errors import InvalidInput, LimitsExceeded, point
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
-from framework.kinematics.modes import mode_signs
+from framework.kinematics.modes import mode_signs, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.lazy_names import notebook_picture
@@ -311,7 +309,7 @@ def _evaluate_poses(
         linearised = linearised_at(robot, q[reached])
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             arrays[key][reached] = values
-        _, arrays["assembly"][reached] = mode_signs(robot, linearised)
+        arrays["assembly"][reached], _ = passive_determinants(linearised)  # their signs
     return arrays
 
 
@@ -364,6 +362,10 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         stride: distance between the poses of the search [rows or columns].
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
+    if not unjoined.any():
+        return
+    from scipy.ndimage import distance_transform_edt  # slow to import
+
     coarse = np.zeros_like(unjoined)  # poses of the search
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
     # row and column (I, J) of the reached pose that is nearest to each pose
@@ -489,5 +491,7 @@ def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
             f"limits; take a finer map, or leave the limits out",
             exceeded={},
         )
-    labels: IntArray = ndimage.label(within)[0]  # (I, J) number of the connected region
+    from scipy.ndimage import label  # slow to import
+
+    labels: IntArray = label(within)[0]  # (I, J) number of the connected region
     return labels == labels.flat[nearest]

@@ -26,12 +26,7 @@ from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
 from framework.numerics.output import Document, write_files, written_together
 from framework.numerics.tasks import executor_of
-from framework.planning.motion_table import (
-    DEFAULT_ROWS,
-    MotionTable,
-    motion_columns,
-    select_columns,
-)
+from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_columns, select_columns
 from framework.planning.options import TYPED
 from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request

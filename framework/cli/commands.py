@@ -54,10 +54,7 @@ COMMANDS = {
     ),
     "locate": Command(
         "find the singular points on a path",
-        (
-            "crossing locate five_bar --scene C",
-            "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195",
-        ),
+        ("crossing locate five_bar --scene C", "crossing locate five_bar --from 0.1 0.345 --to -0.05 0.195"),
         "locate",
         "Without a path: the singular pose nearest to the reference, and a line that crosses there. With "
         "--flexibility: the singular points of the undeformed robot, springs at rest, and the rate at "
@@ -66,10 +63,7 @@ COMMANDS = {
     ),
     "map": Command(
         "quantities over the workspace on one working mode, with the singular locus on top",
-        (
-            "crossing map five_bar --size 50",
-            "crossing map five_bar --scene C --quantity g torque --out map",
-        ),
+        ("crossing map five_bar --size 50", "crossing map five_bar --scene C --quantity g torque --out map"),
         "workspace_map",
         "Poses are reached from the reference by continuation, so the map never leaves its working mode; "
         "what is not reached has no value and a reason.",
@@ -264,7 +258,15 @@ class OneLineParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones with a hint."""
-        parsed, unknown = super().parse_known_args(_move_parameters_last(args), namespace)
+        # move --set with its values NAME=VALUE to the end
+        others: list[str] = []
+        moved: list[str] = []
+        takes_values = False
+        for word in args:
+            is_value = takes_values and ("=" in word or moved[-1] == "--set") and not word.startswith("--")
+            takes_values = word == "--set" or is_value
+            (moved if takes_values else others).append(word)
+        parsed, unknown = super().parse_known_args([*others, *moved], namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
@@ -313,18 +315,6 @@ class OneLineParser(argparse.ArgumentParser):
         if "arguments are required" in message:
             instead = next(filter(NEEDS_NO_FILE.fullmatch, self.examples), None)
         raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
-
-
-def _move_parameters_last(words: Sequence[str]) -> list[str]:
-    """Move --set with its values NAME=VALUE to the end of a command line."""
-    others: list[str] = []
-    moved: list[str] = []
-    takes_values = False
-    for word in words:
-        is_value = takes_values and ("=" in word or moved[-1] == "--set") and not word.startswith("--")
-        takes_values = word == "--set" or is_value
-        (moved if takes_values else others).append(word)
-    return [*others, *moved]
 
 
 def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:

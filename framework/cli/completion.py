@@ -29,7 +29,8 @@ def run_completion(options: Namespace) -> Report:
             "completion is written by shtab, which is not installed: pip install shtab", package="shtab"
         ) from None
     parser: Any = parser_of([], whole=True)
-    for command in _subparsers(parser):
+    commands = next(action for action in parser._actions if isinstance(action, _SubParsersAction))
+    for command in commands.choices.values():
         for action in command._actions:
             name = str(action.metavar or action.dest).upper()
             if name in _FOLDERS:
@@ -40,13 +41,3 @@ def run_completion(options: Namespace) -> Report:
                 action.choices = list(own_robots())
     script = shtab.complete(parser, options.shell)
     return {"shell": options.shell, "script": script}, [script.rstrip("\n")]
-
-
-def _subparsers(parser: Any) -> list[Any]:
-    """Return the parsers of the commands."""
-    return [
-        command
-        for action in parser._actions
-        if isinstance(action, _SubParsersAction)
-        for command in action.choices.values()
-    ]

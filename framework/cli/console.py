@@ -112,7 +112,9 @@ def _print_answer(text: str, stream: TextIO | None, *, may_be_cut: bool = False)
     try:
         _print_text(text, stream)
     except OSError as error:
-        _close_stream(stream)
+        # the interpreter can flush the null device on exit
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         if may_be_cut and isinstance(error, BrokenPipeError):
             return
         raise OutputError(f"cannot write the answer: {error.strerror or error}") from None
@@ -145,12 +147,6 @@ def _print_text(text: str, stream: TextIO) -> None:
     """Print a text; escape letters that the stream's encoding lacks."""
     encoding = stream.encoding or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
-
-
-def _close_stream(stream: TextIO) -> None:
-    """Redirect a stream to the null device, which the interpreter can flush on exit."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 # ------------------------------------------------------------------ layout

@@ -103,11 +103,7 @@ def add_export_options(parser: OneLineParser) -> None:
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
     )
-    parser.add_argument(
-        "--hinges",
-        action="store_true",
-        help="in a MuJoCo model: balls as three hinges each",
-    )
+    parser.add_argument("--hinges", action="store_true", help="in a MuJoCo model: balls as three hinges each")
     control = parser.topic("a controller")
     control.add_argument(
         "--sensors", nargs="+", metavar="NAME", help="of lqg, as in robustness (default: motors)"

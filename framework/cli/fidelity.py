@@ -8,14 +8,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import (
-    Report,
-    add_motion,
-    add_out,
-    add_path,
-    add_path_and_motion,
-    add_robot,
-)
+from framework.cli.parser import Report, add_motion, add_out, add_path, add_path_and_motion, add_robot
 from framework.fidelity.capacity import Capacity, capacity_request, largest_load_of
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
@@ -98,7 +91,8 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
     lines = [HEAD.format(study, len(study.levels), _format_percent(study.tolerance))]
     lines += [_format_row(study, comparison) for comparison in study.levels]
     for comparison in study.levels:
-        lines += _format_remarks(comparison)
+        notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
+        lines += [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
     lines.append(f"  crossing          s = {places}" if places else "  crossing          none")
     if study.fall >= 1.0:
         judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
@@ -124,13 +118,9 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
     return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
-def _format_row(
-    study: FidelityStudy,
-    comparison: Comparison,
-    *,
-    same_law: float = 1e-12,  # difference in s of two laws that is rounding
-) -> str:
+def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
     """Return the row of the table for one level."""
+    same_law = 1e-12  # difference in s of two laws that is rounding
     name = comparison.level.name
     indicators = study.indicators
     plan = torque = law = deflection = "-"
@@ -146,18 +136,9 @@ def _format_row(
     return "\t".join(cells)
 
 
-def _format_remarks(comparison: Comparison) -> list[str]:
-    """Return the remarks on one level, which follow the table."""
-    notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
-    return [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
-
-
-def _format_percent(
-    share: float,
-    *,
-    largest: float = 10.0,  # error from which on > 1000 % is printed
-) -> str:
+def _format_percent(share: float) -> str:
     """Format a share in per cent, with rounding errors as 0."""
+    largest = 10.0  # error from which on > 1000 % is printed
     if not np.isfinite(share):
         return "-"
     if share >= largest:
@@ -198,13 +179,8 @@ def run_capacity(options: Namespace) -> Report:
     capacity = largest_load_of(robot, request, progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _capacity_document(capacity), capacity_lines(capacity)
-
-
-def _capacity_document(capacity: Capacity) -> Document:
-    """Return the capacity for JSON, where infinite numbers become null."""
     plan = capacity.plan
-    return {
+    document = {
         "robot": plan.robot.name,
         "flexibility": plan.robot.flexibility,
         **select_fields(capacity, "multiple", "refused", "proved", "impossible", "undecided"),
@@ -214,6 +190,7 @@ def _capacity_document(capacity: Capacity) -> Document:
         "duration": plan.duration,
         "peak_torque": plan.peak_torque,
     }
+    return document, capacity_lines(capacity)
 
 
 def capacity_lines(capacity: Capacity) -> list[str]:

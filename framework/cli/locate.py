@@ -93,11 +93,7 @@ def run_locate(options: Namespace) -> Report:
 def _report_beginning(
     robot: ParallelRobot, path: Path, end: OutOfReach | Type1Singularity, options: Namespace
 ) -> Report:
-    """Report the singular points on the part of a path before its `end`, which stays the refusal.
-
-    Raises:
-        OutOfReach, Type1Singularity: `end`, without such points.
-    """
+    """Report the singular points on the part of a path before its `end`, which stays the refusal."""
     share = BEFORE_END * end.s
     points = search_path(robot, Part(path, 0.0, share)).points if share > 0.0 else ()
     if not points:

@@ -38,12 +38,7 @@ from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, flip_legs, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
-from framework.planning.plan import (
-    ADVANCES,
-    NEARLY_STOPS,
-    law_before_proof,
-    max_torque_ratio,
-)
+from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
 from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
@@ -58,10 +53,11 @@ if TYPE_CHECKING:
 MOTION_FILE = "motion.csv"
 LEAST_BEND = "least"  # value of --bend without a number
 IMPROVING = "planning: best law so far {}; Ctrl-C ends the search for better ones"
-FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
+FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane", "vibrations")
 FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
 # files of a plan that a new plan in the same folder replaces, also those that the new one does not have
-OF_A_PLAN = ("report.html", *FIGURE_FILES)
+VIBRATION_FILES = ("vibrations.csv", "response.csv")  # of robots with springs
+OF_A_PLAN = ("report.html", *FIGURE_FILES, *VIBRATION_FILES)
 
 ROBUST = (
     "  robust            margin {0.margin:.1%}: lqg with {0.trial.sensors} is predicted to deviate by "
@@ -185,10 +181,6 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
 
     Start and goal are platform coordinates. At the goal the other motors have the same positions as without
     the flip.
-
-    Raises:
-        InvalidInput: an unknown motor, or no pose with these legs flipped.
-        NoAnswer: no path in joints is found that leads there.
     """
     from framework.proofs.working_modes import working_modes  # takes time to import; other plans need none
 
@@ -254,6 +246,32 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
     (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
     (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
     save_figures(plan, folder)
+    if plan.robot.n_e:
+        _write_vibrations(plan, folder)
+
+
+def _write_vibrations(plan: CrossingPlan, folder: FilePath) -> None:
+    """Write natural frequencies and the response to motor torques along the path: two tables and a figure."""
+    from framework.show.plots import save_figure
+    from framework.show.vibration_figures import path_vibrations, plot_vibrations
+
+    s, result = path_vibrations(plan)
+    robot = plan.robot
+    locked, free = (
+        [f"{kind}_{k + 1}" for k in range(values.shape[1])]
+        for kind, values in (("locked", result.natural), ("free", result.resonances))
+    )
+    heads = ["s", *locked, *free, "stiffness", *(f"softest_{axis}" for axis in result.axes)]
+    rows = np.column_stack([s, result.natural, result.resonances, result.stiffness, result.softest])
+    pairs = [f"{axis}_{motor}" for axis in robot.axis_names for motor in robot.actuator_names]
+    response = result.response.reshape(-1, len(pairs))  # a row for each s and frequency
+    over = [np.repeat(s, len(result.frequency)), np.tile(result.frequency, len(s))]
+    columns = ["s", "frequency", *(f"gain_{pair}" for pair in pairs), *(f"phase_{pair}" for pair in pairs)]
+    parts = [*over, np.abs(response), np.angle(response, deg=True)]
+    tables = ((heads, rows), (columns, np.column_stack(parts)))
+    for name, (names, table) in zip(VIBRATION_FILES, tables, strict=True):
+        np.savetxt(folder / name, table, fmt="%.7g", delimiter=",", header=",".join(names), comments="")
+    save_figure(lambda: plot_vibrations(plan, s, result), folder / "vibrations")
 
 
 def _make_plan(

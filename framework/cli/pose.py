@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import asdict, replace
+from pathlib import Path as FilePath
 
 import numpy as np
 
@@ -15,14 +16,23 @@ from framework.cli.parser import (
     add_flexibility,
     add_number,
     add_options,
+    add_overwrite,
     add_reference,
     add_robot,
     add_wrenches,
+    not_empty,
 )
 from framework.dynamics.platform_wrench import platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.dynamics.stiffness import platform_stiffness
-from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity, finite_numbers
+from framework.errors import (
+    InvalidInput,
+    NoAnswer,
+    NotAssembled,
+    Type1Singularity,
+    check_choice,
+    finite_numbers,
+)
 from framework.kinematics.assembly import remark_on_turns
 from framework.kinematics.assembly_search import can_close, find_closed_pose
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
@@ -30,7 +40,7 @@ from framework.kinematics.continuation.tracking import assemble, remark_on_reach
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document, select_fields
+from framework.numerics.output import Document, select_fields, write_files
 from framework.planning.plan_facts import excess_facts, join_facts, torque_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -46,7 +56,15 @@ HEAD = """\
 NEAREST = "the nearest pose found within the joints' ranges has {1}, {0.distance:.6g} {0.unit} away: {2}"
 DISTANCES = "  distances         g {0.g:.3g}, sigma_A {0.sigma_A:.3g} (length {0.length:.3g} m){1}"
 SHOWN_MODES = 6  # vibrations that are listed
-OF_ONE_POSE = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")  # options
+OF_ONE_POSE = (
+    "picture",
+    "torque_limit",
+    "speed_limit",
+    "velocity",
+    "acceleration",
+    "wrench",
+    "wrench_on",
+)  # options
 WORST = (
     "  worst torque      {0.motor_torque_largest:.3g} {1} of one motor, norm {0.motor_torque_norm:.3g} "
     "(motor side), to hold a unit force in any direction"
@@ -91,6 +109,14 @@ def add_pose_options(parser: OneLineParser) -> None:
     )
     add_number(group, "--acceleration", "A", "their rates [m/s2, rad/s2] (default: 0)", nargs="+")
     add_flexibility(parser)
+    parser.add_argument(
+        "--picture",
+        type=not_empty,
+        metavar="FILE",
+        help="of a robot with springs: draw the platform's softest direction, and the shapes of its first "
+        "vibrations (.png, .svg, .pdf)",
+    )
+    add_overwrite(parser)
     add_wrenches(parser)
     add_options(parser, "torque_limit", "speed_limit")
 
@@ -152,7 +178,8 @@ def _report_pose(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     words = {key: _format_values(document[key]) for key in by_name}
     lines = [HEAD.format_map(document | words)]
     singularity, limits = _report_singularity(robot, q), _report_limits(robot, q, options)
-    stiffness = _report_stiffness(robot, q) if robot.n_e else ({}, [])
+    has_stiffness = robot.has_springs or options.picture is not None
+    stiffness = _report_stiffness(robot, q, options) if has_stiffness else ({}, [])
     for facts, sentences in (singularity, limits, stiffness, _report_loads(robot, q, options)):
         document |= facts
         lines += sentences
@@ -178,18 +205,20 @@ def _report_singularity(robot: ParallelRobot, q: Array) -> Report:
     return {"singularity": _singularity_document(classification)}, lines
 
 
-def _report_stiffness(robot: ParallelRobot, q: Array) -> Report:
-    """Report stiffness and vibrations with locked motors, without load."""
+def _report_stiffness(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
+    """Report stiffness and vibrations with locked motors, without load; draw them into --picture."""
     try:
         result = platform_stiffness(robot, q)
-    except InvalidInput:  # springs that leave the platform rigid along some axis
+    except InvalidInput as failure:  # springs that leave the platform rigid along some axis
+        if options.picture is not None:
+            raise failure.advising({"picture": None}) from None
         return {}, []
     names = robot.axis_names
     along = dict(zip(names, result.along_axes.tolist(), strict=True))
     softest = dict(zip(names, result.softest_direction.tolist(), strict=True))
     lines = [
         f"  stiffness         {_format_values(along)} (N/m, N m/rad; a force along the axis, motors locked)",
-        f"  softest along     {_format_values(softest, 3)} (lengths in robot lengths)",
+        f"  softest           {result.softest_in_words}: {_format_values(softest, 3)} (robot lengths, rad)",
     ]
     lines += [
         f"    row {name:<13} " + " ".join(f"{value:.4g}" for value in row)
@@ -203,6 +232,15 @@ def _report_stiffness(robot: ParallelRobot, q: Array) -> Report:
         modes.append({"frequency": float(frequency), "shape": shape})
         lines.append(f"  vibration         {frequency:.4g} Hz, platform {_format_values(shape, 2)}")
     facts = {"matrix": result.stiffness, "along": along, "softest": softest, "vibrations": modes}
+    facts["softest_in_words"] = result.softest_in_words
+    if options.picture is not None:
+        from framework.show.vibration_figures import modes_picture  # matplotlib takes time to import
+
+        file = FilePath(options.picture)
+        check_choice("--picture: kind of file", file.suffix[1:], ("png", "svg", "pdf"))
+        picture = modes_picture(result, file.suffix[1:])
+        write_files({file: picture}, option="--picture", overwrite=options.overwrite)
+        lines.append(f"  drawn             its softest direction and vibrations, into {options.picture}")
     return {"stiffness": facts}, lines
 
 

@@ -85,7 +85,7 @@ def _count_parts(robot: ParallelRobot) -> Document:
     return {
         "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
         "loops": len(description.closures),
-        "springs": len(description.springs),
+        "springs": len(description.springs) + len(description.line_springs),
         "scenes": list(description.scenes),
     }
 
@@ -212,12 +212,7 @@ def run_convert(options: Namespace) -> Report:
 
 
 def _find_description(name: str) -> str:
-    """Return the file of a robot of the package robot_descriptions; any other word as it is.
-
-    Raises:
-        MissingPackage: the package is not installed.
-        InvalidInput: it has no such robot.
-    """
+    """Return the file of a robot of the package robot_descriptions; any other word as it is."""
     if not re.fullmatch(r"\w+_description", name) or FilePath(name).exists():
         return name
     try:

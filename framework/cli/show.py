@@ -74,31 +74,21 @@ def run_show(options: Namespace) -> Report:
 
             options.progress.start("drawing the picture")
             page = film_picture(filmed, FilePath(file).suffix[1:])
-        return _report_file(options, file, page, filmed, chosen=not films)
+        from framework.show.captions import describe_flexibility, display_name
+
+        document, (written,) = arguments.write_page(FilePath(file), page, options)
+        entries = []
+        scenes = []
+        for film in filmed:
+            entries.append({"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved})
+            scenes.append(f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})")
+        lines = [f"no scene given: filmed {filmed[0].name}"] if not films else []
+        lines.append(f"{display_name(filmed[0].robot.name)}, {', '.join(scenes)}: {written}")
+        return document | {"films": entries}, lines
     if films:
         return _serve_page(options, film_page(films), robot=None)
     robot = arguments.load(options)
     return _serve_page(options, hand_page(robot), robot)
-
-
-def _report_file(
-    options: Namespace, file: str, page: str | bytes, films: list[Film], *, chosen: bool
-) -> Report:
-    """Write a page or picture to a file, and report its films.
-
-    `chosen`: no scene was typed, so that this program chose one.
-    """
-    from framework.show.captions import describe_flexibility, display_name
-
-    document, (written,) = arguments.write_page(FilePath(file), page, options)
-    entries = []
-    scenes = []
-    for film in films:
-        entries.append({"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved})
-        scenes.append(f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})")
-    lines = [f"no scene given: filmed {films[0].name}"] if chosen else []
-    lines.append(f"{display_name(films[0].robot.name)}, {', '.join(scenes)}: {written}")
-    return document | {"films": entries}, lines
 
 
 def _make_films(options: Namespace) -> list[Film]:

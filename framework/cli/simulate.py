@@ -9,13 +9,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import (
-    Report,
-    add_number,
-    add_out,
-    add_path_and_motion,
-    add_robot_or_plan,
-)
+from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan
 from framework.errors import InvalidInput, NoAnswer
 from framework.identification.recording import Sensors, make_sensors, record_sensors
 from framework.numerics.output import json_text, write_csv

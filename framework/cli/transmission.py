@@ -6,13 +6,7 @@ from argparse import Namespace
 
 import numpy as np
 
-from framework.atlas.transmission import (
-    AMPLITUDE,
-    FREQUENCIES,
-    LinkageTransmission,
-    MappingError,
-    transmission,
-)
+from framework.atlas.transmission import AMPLITUDE, FREQUENCIES, LinkageTransmission, transmission
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import Report, add_number, add_out, add_robot, integer_between
@@ -98,18 +92,13 @@ def _make_document(result: LinkageTransmission) -> Document:
         "posture": dict(zip(robot.axis_names, result.posture, strict=True)),
         "axes": axes,
         "armature": result.armature,
-        "errors": [_describe_error(error) for error in result.errors],
+        "errors": [{key: getattr(error, key) for key in error._fields} for error in result.errors],
     }
 
 
 def _range(values: np.ndarray) -> list[float]:
     """Return least and largest of values."""
     return [float(values.min()), float(values.max())]
-
-
-def _describe_error(error: MappingError) -> Document:
-    """Return the errors of a sine by name, each over the platform's axes."""
-    return {key: getattr(error, key) for key in error._fields}
 
 
 AXIS = """\

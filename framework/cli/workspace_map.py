@@ -6,7 +6,6 @@ With --study: a small map for each set of the parameters of a robot file.
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path as FilePath
 
 import numpy as np
 
@@ -183,7 +182,12 @@ def run_map(options: Namespace) -> Report:
             workspace = restrict_to_ranges(workspace)
         if folder is not None:
             options.progress.start("drawing the figures")
-            _write_map(workspace, path, folder)
+            from framework.show.map import map_page, save_map_figures
+
+            write_map(workspace, folder)
+            save_map_figures(workspace, folder, path=path)
+            if len(window.axes) > 1:
+                (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
     return _report_map(workspace, margin, is_whole=options.window is None)
 
 
@@ -221,17 +225,6 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
     return Window(axes, bounds[::2], bounds[1::2], grid_shape(axes, size), map_point(robot, centre))
 
 
-def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
-    """Write a map into a folder: numbers, figures and, of two axes, a page."""
-    from framework.show.map import map_page, save_map_figures
-
-    write_map(workspace, folder)
-    save_map_figures(workspace, folder, path=path)
-    if len(workspace.window.axes) == 1:
-        return
-    (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
-
-
 def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, is_whole: bool) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics.
 
@@ -263,8 +256,12 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         values = map(document["quantities"][quantity.key].get, STATISTICS)
         cells = ("-" if value is None else f"{value:.3g}" for value in values)
         lines.append("\t".join([f"  {quantity.name} [{quantity_unit(robot, quantity)}]", *cells]))
+        if softest := document["quantities"][quantity.key].get("softest"):
+            lines.append("    least at {place}, in the direction {words}".format_map(softest))
     if margin is not None:
-        lines += _margin_lines(robot, margin)
+        lines.append(f"  nearest singular pose: {margin.status}")
+        if margin.x is not None and margin.twist is not None:
+            lines.append(f"    at {robot.place(margin.x)}; t_s {point(margin.twist)}")
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "asked", "twist")
         document["nearest_singular_pose"] = select_fields(margin, *keys) | {"platform": margin.x}
     return document, lines
@@ -274,14 +271,6 @@ def _format_spans(robot: ParallelRobot, window: Window) -> str:
     """State the bounds of a window."""
     ends = zip(window.axes, window.lower, window.upper, strict=True)
     return ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in ends)
-
-
-def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str]:
-    """Return lines on the nearest singular pose."""
-    lines = [f"  nearest singular pose: {margin.status}"]
-    if margin.x is not None and margin.twist is not None:
-        lines.append(f"    at {robot.place(margin.x)}; t_s {point(margin.twist)}")
-    return lines
 
 
 # ------------------------------------------------------------------ map --study
@@ -332,19 +321,15 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
     size = study.task.size
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
-    lines += _study_table(study, with_reasons=refused > 0)
-    if count > MAX_LISTED:
-        lines.append(f"  and {count - MAX_LISTED} more; --out or --json keeps all")
-    return document, lines
-
-
-def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
-    """Return a table of the first designs: parameters, areas, medians, and refusals."""
+    # table of the first designs: parameters, areas, medians, and refusals
     columns = [key for key in study.columns if key.endswith((*SIZES.values(), "_median"))]
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])
     rows = [[f"{value:.4g}" if np.isfinite(value) else "-" for value in row] for row in numbers]
-    if with_reasons:
+    if refused > 0:
         heads.append("why no robot")
         rows = [[*row, why] for row, why in zip(rows, study.why, strict=True)]
-    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_LISTED]]]
+    lines += ["  " + "\t".join(row) for row in [heads, *rows[:MAX_LISTED]]]
+    if count > MAX_LISTED:
+        lines.append(f"  and {count - MAX_LISTED} more; --out or --json keeps all")
+    return document, lines

@@ -197,18 +197,13 @@ def _judge(
     )
 
 
-def _have_diverged(
-    ref: Reference,
-    q: Array,
-    v: Array,
-    *,
-    # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
-    max_joint_step: float = 3.0,
-) -> BoolArray:
+def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
     """Return a mask (R,) of the runs with joints that are not finite or too fast.
 
     q (R, nq) and v (R, nv) are the configurations and the joint rates of the runs.
     """
+    # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
+    max_joint_step = 3.0
     is_slow = np.abs(v) * ref.period < max_joint_step * ref.robot.column_scale  # false for NaN
     is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
     return np.asarray(~is_valid)

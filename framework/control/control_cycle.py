@@ -5,8 +5,9 @@
     torque = cycle.torque(ddq_a)                # motor side
 
 A cycle predicts the pose from the tangents T = dq/dq_a of the last three cycles, by the formula of Adams and
-Bashforth. Newton's method then closes the loops with the passive joints, P dq_p = -residual; at the usual
-speeds of motors one linearisation is enough. With the joint accelerations a_0 at ddq_a = 0,
+Bashforth. Newton's method then closes the loops with the passive joints, P dq_p = -residual. Its first step
+takes P^-1 of the last cycle, which leaves so little that at the usual speeds of motors one linearisation is
+enough. With the joint accelerations a_0 at ddq_a = 0,
 
     torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' (RNEA(q, v, a_0) + ...) / n,
 
@@ -20,12 +21,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import mass_matrices, spring_torques
+from framework.dynamics.forces import all_spring_forces, damping_forces, mass_matrices
 from framework.dynamics.pointwise_dynamics import type2_pose
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.attitude import RotationVector
-from framework.kinematics.closures import closure_drift, row_factors
+from framework.kinematics.closures import row_factors
 from framework.kinematics.continuation.forward_kinematics import (
     check_motors_are_free,
     forward_kinematics,
@@ -33,8 +34,8 @@ from framework.kinematics.continuation.forward_kinematics import (
 )
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch
 from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
-from framework.kinematics.couplings import coupling_derivatives, coupling_jacobian
-from framework.kinematics.frames import FrameMotions, FrameStack, Scratch
+from framework.kinematics.couplings import coupling_derivatives, coupling_drift, coupling_jacobian
+from framework.kinematics.frames import FrameStack, Scratch
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_ranges import align_bases
@@ -48,6 +49,11 @@ from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 # [rad, robot lengths]: the last Newton step is smaller. It is the error of the rates, since T is computed
 # before the step; the error of the pose is its square
 LAST_STEP = 1e-10
+# of an angular velocity w (3,): w @ CROSS_ROWS is the transposed matrix (9,) of w x, by rows
+CROSS_ROWS = np.array(
+    [[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0], [0, 1, 0, -1, 0, 0, 0, 0, 0]], dtype=float
+)
+SECOND_DERIVATIVE = np.array([1.0, 2.0, 1.0])  # of a product, by the rule of Leibniz
 
 
 class ControlCycle:
@@ -60,7 +66,6 @@ class ControlCycle:
     q, v: all joints (nq,) and their rates (nv,).
     x, dx: platform coordinates (n,), continuous over full turns from the start, and their rates.
     T: joint rates (nv, n_a) for unit rates of the motors' joints.
-    residual: largest residual of all loop equations at q, redundant ones included [m or rad].
     """
 
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:
@@ -79,16 +84,22 @@ class ControlCycle:
         self.robot = robot
         self._equations = SinglePose(robot)
         self._data = robot.model.createData()
+        self._has_springs = bool(robot.joint_stiffness.any() or robot.line_springs.names)
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
         self._actuated, self._following = robot.actuated, robot.following
-        self._independent = robot.structure.independent  # loop equations; all rows are combined if `_bases`
+        # independent loop equations, None for all; all rows are combined if `_bases`
+        independent = robot.structure.independent
+        self._independent = None if len(independent) == len(robot.rows.names) else independent
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
-        self._has_joint_springs = bool(robot.joint_stiffness.any())
         # scales that make P, its unknowns and its right-hand sides dimensionless
         self._scale = robot.passive_scale  # (n_p, n_p) of the entries of P, for n_p passive joints
         self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
-        self._row_sizes = (robot.loop_lengths * robot.structure.row_sizes)[:, None]
+        row_sizes = robot.loop_lengths * robot.structure.row_sizes
+        self._solver_scale = -self._passive_lengths[:, None] / row_sizes  # of -P^-1, back to units
+        # columns of `SinglePose.table`: the residual, then the actuated joints
+        self._right_sides = np.append(robot.nv, robot.actuated)
+        self._identity = np.eye(len(robot.following))
         self._bases: Array | None = None  # (1, R, m) of the range of the loops' Jacobian, along the motion
         if robot.structure.varies:
             self._span_sizes = robot.equations.span_scale[:, None]
@@ -160,6 +171,11 @@ class ControlCycle:
         return self._motor_torque(a) + robot.rotor_inertia * robot.gear_ratio * acceleration
 
     @property
+    def residual(self) -> float:
+        """Largest residual of all loop equations at q, redundant ones included [m or rad]."""
+        return float(np.abs(self._equations.residual_of_frames(self.q)).max(initial=0.0))
+
+    @property
     def mass(self) -> Array:
         """Motor torques (n_a, n_a) for unit accelerations: torque = mass ddq_a + bias."""
         M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)  # (nv, nv), joint side
@@ -197,37 +213,32 @@ class ControlCycle:
         """Compute P^-1, T and the Newton step (n_p,) at q (nq,); return the size of the step.
 
         P and J_a are the passive and the actuated columns of the independent loop equations. The step dq_p
-        and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]. The size of the step is its
-        largest entry [rad, robot lengths]; it is infinite if P is singular.
+        and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]; `_solver` is -P^-1. The size of
+        the step is its largest entry [rad, robot lengths]; it is infinite if P is singular.
         """
         equations = self._equations
-        columns = self._following  # passive joints
         equations.evaluate_pose(q)
         if self._bases is not None:
             moving = self.robot.moving
             J = equations.jacobian[:, moving] * self.robot.column_scale[moving] / self._span_sizes
             self._bases = align_bases(J[None], self._bases)
-        jacobian = self._select_rows(equations.jacobian)
-        # residual in the first column, then J_a (n_p, n_a)
-        right_sides = np.empty((len(columns), 1 + len(self._actuated)))
-        right_sides[:, 0] = self._select_rows(equations.residual)
-        right_sides[:, 1:] = jacobian.take(self._actuated, axis=1)
-        self._P = jacobian.take(columns, axis=1) * self._scale
-        # solve for the dimensionless step and rates, and restore their units
+        table = self._select_rows(equations.table)  # (n_p, nv + 1)
+        self._P = table.take(self._following, axis=1) * self._scale  # dimensionless
         try:
             self._inverse = np.asarray(np.linalg.inv(self._P), dtype=float)
         except np.linalg.LinAlgError:
             self._inverse = np.full_like(self._P, np.inf)  # so that `type2` is 0
             return np.inf
-        solution = self._inverse @ (right_sides / -self._row_sizes)
-        self._step = solution[:, 0] * self._passive_lengths
-        self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
-        return float(np.abs(solution[:, 0]).max(initial=0.0))
+        self._solver = self._inverse * self._solver_scale
+        solution = self._solver @ table.take(self._right_sides, axis=1)  # (n_p, 1 + n_a) dq_p, T_p
+        self._step = solution[:, 0]
+        self.T[self._following] = solution[:, 1:]
+        return float(np.abs(self._step / self._passive_lengths).max(initial=0.0))
 
     def _select_rows(self, values: Array) -> Array:
         """Return values (m, ...) of the independent equations, or of the combinations by the bases."""
         if self._bases is None:
-            return values.take(self._independent, axis=0)
+            return values if self._independent is None else values.take(self._independent, axis=0)
         return (self._bases[0] / self._span_sizes).T @ values
 
     def _predict_and_correct(
@@ -244,6 +255,7 @@ class ControlCycle:
         refused one.
         """
         last_P, last_inverse = self._P, self._inverse
+        robot = self.robot
         former, last, T = *self._former_tangents, self.T.copy()  # of the last three cycles
         motor_step = target - self._motors  # (n_a,)
         tangent_step = T @ motor_step
@@ -253,15 +265,18 @@ class ControlCycle:
         if self._has_no_balls:
             q[self._actuated] = target  # exactly, without the rounding of the sum
 
-        # correct: each Newton step must be smaller than the one before it
-        correction = np.zeros(len(prediction))  # sum of all Newton steps
+        # correct with P^-1 of the last cycle, then by Newton steps, each smaller than the one before it
+        self._equations.evaluate_residual(q)
+        correction = np.zeros(robot.nv)  # sum of all steps
+        correction[self._following] = self._solver @ self._select_rows(self._equations.residual)
+        q = self._integrate(q, correction)
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(max_iterations):
             size = self._linearise(q)
             if not size < previous_size:  # Newton's method diverges, or P is singular
                 return None
             if size > 0.0:
-                step = np.zeros(len(prediction))
+                step = np.zeros(robot.nv)
                 step[self._following] = self._step  # set by `_linearise`
                 q = self._integrate(q, step)
                 correction += step
@@ -273,7 +288,7 @@ class ControlCycle:
 
         # judge the step along the last tangent by the largest motion of a joint [rad, robot lengths]
         motions = [correction + prediction - tangent_step, tangent_step, self.T @ motor_step - tangent_step]
-        largest = np.abs(np.array(motions) / self.robot.column_scale).max(axis=1)
+        largest = np.abs(np.array(motions) / robot.column_scale).max(axis=1)
         corrected, predicted, tangent_change = largest.tolist()
         is_accepted = (
             is_small(corrected, predicted)
@@ -289,7 +304,7 @@ class ControlCycle:
     def _keeps_sign(self, last_P: Array, last_inverse: Array) -> bool:
         """Return whether det P has kept its sign since the last P (n_p, n_p), of this inverse."""
         ratio = last_inverse @ self._P  # its determinant is det P over the last one
-        change = np.abs(ratio - np.eye(len(ratio))).sum(axis=0).max(initial=0.0)
+        change = np.abs(ratio - self._identity).sum(axis=0).max(initial=0.0)
         if change < 0.5:  # then no eigenvalue of the ratio is below 1/2
             return True
         last_determinant = np.linalg.det(last_P)
@@ -312,7 +327,6 @@ class ControlCycle:
         self.v = self.T @ rates
         self._drift: Array | None = None  # a_0, computed when needed
         self._equations.evaluate_motion(q, self.v)
-        self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
         if isinstance(platform, JointPlatform):
             self.x = q[platform.q_indices]
@@ -350,8 +364,8 @@ class ControlCycle:
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
-            loop_drift = self._select_rows(self._equations.drift(self.q, self.v)) / self._row_sizes[:, 0]
-            self._drift[self._following] = -(self._inverse @ loop_drift) * self._passive_lengths
+            loop_drift = self._select_rows(self._equations.drift(self.q, self.v))
+            self._drift[self._following] = self._solver @ loop_drift
         return self._drift
 
     def _motor_torque(self, a: Array) -> Array:
@@ -362,9 +376,9 @@ class ControlCycle:
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:
-            force = force + robot.joint_damping * self.v
-        if self._has_joint_springs:
-            force = force + spring_torques(robot, self.q[None], robot.joint_stiffness)[0]
+            force = force + damping_forces(robot, self.q[None], self.v[None])[0]
+        if self._has_springs:
+            force = force + all_spring_forces(robot, self.q[None], robot.joint_stiffness)[0]
         return force @ self.T / robot.gear_ratio
 
 
@@ -384,13 +398,22 @@ class SinglePose:
         self.robot = robot
         self.rows = rows
         self.scratch = scratch
-        self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
+        # three axes and the origin of each frame, their velocities and their accelerations
+        self._rates = np.empty((3, len(scratch.frames), 4, 3))
+        self._placements = self._rates[0]
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)  # (m, nv)
         self._wrench = np.empty((count, 6))  # of each row of the Jacobian
-        self.residual = np.empty(count)  # of all loop equations [m, rad]
-        self.jacobian = np.empty((count, robot.nv))
+        self.table = np.empty((count, robot.nv + 1))
+        self.jacobian = self.table[:, : robot.nv]  # of all loop equations
+        self.residual = self.table[:, robot.nv]  # [m, rad]
+        self._no_acceleration = np.zeros(robot.nv)
+
+    def evaluate_residual(self, q: Array) -> None:
+        """Compute the residual (m,) of all loop equations at q (nq,)."""
+        pin.framesForwardKinematics(self.robot.model, self.scratch.data, q)
+        self._update_residual(q)
 
     def evaluate_pose(self, q: Array) -> None:
         """Compute residual (m,) and Jacobian (m, nv) of all loop equations at q (nq,).
@@ -420,22 +443,35 @@ class SinglePose:
             self.jacobian += coupling_jacobian(rows, q[None], self.robot.nv)[0]
 
     def evaluate_motion(self, q: Array, v: Array) -> None:
-        """Compute the residual and the twists of bodies at q (nq,) for joint rates v (nv,).
+        """Compute frames and twists of bodies at q (nq,) for joint rates v (nv,).
 
         The twists are stored in `scratch`, together with their rates at zero joint accelerations, from which
         `drift` is computed.
         """
         scratch = self.scratch
-        pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))
+        pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, self._no_acceleration)
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        self._update_residual(q)
+        self._update_frames()
 
     def drift(self, q: Array, v: Array) -> Array:
-        """Compute the drift dJ/dt v (m,) of the loop equations at the q, v of `evaluate_motion`."""
+        """Compute the drift dJ/dt v (m,) of the loop equations at the q, v of `evaluate_motion`.
+
+        Axes and origins c of the frames have c' = w x c and c" = dw/dt x c + w x c'; origins also the linear
+        parts of the twists. Vectors are rows here: w x c is c times the transposed matrix of w x.
+        """
         scratch = self.scratch
+        # (2, F, 6) twists of the frames' bodies, and their rates
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        motions = FrameMotions.of(self._placements, *twists)
-        return closure_drift(self.rows, motions, q[None], v[None])
+        turns = (twists[..., 3:] @ CROSS_ROWS).reshape(2, -1, 3, 3)  # transposed matrices of w x and dw/dt x
+        np.matmul(self._placements, turns, out=self._rates[1:])
+        self._rates[1:, :, 3] += twists[..., :3]
+        self._rates[2] += self._rates[1] @ turns[0]
+        a, b = row_factors(self.rows, self._rates)  # (3, m, 3) each: vectors, velocities, accelerations
+        # (a . b)" = a . b" + 2 a' . b' + a" . b
+        drift: Array = SECOND_DERIVATIVE @ np.vecdot(a, b[::-1]) * self.rows.weight
+        if self.rows.has_couplings:
+            drift[self.rows.coupled] = coupling_drift(self.rows, q[None], v[None])[0]
+        return drift
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
@@ -454,18 +490,30 @@ class SinglePose:
         """The origin (3,) of the platform's frame at the last `evaluate_pose` or `evaluate_motion`."""
         return self._placements[0, 3]
 
+    def residual_of_frames(self, q: Array) -> Array:
+        """Compute the residual (m,) of all loop equations at the q (nq,) of the last evaluation."""
+        self._residual_factors(q)
+        return self.residual
+
+    def _update_frames(self) -> None:
+        """Copy axes and origins of the frames from pinocchio, which has those of all frames of the model."""
+        placements = self.scratch.placements.reshape(-1, 4, 3)
+        placements.take(self.scratch.frames, axis=0, out=self._placements)
+
     def _update_residual(self, q: Array) -> tuple[Array, Array]:
-        """Update frames and residual at q (nq,) from pinocchio's results; return vectors a, b (m, 3).
+        """Update frames and residual at q (nq,) from pinocchio's results; return vectors a, b (m, 3)."""
+        self._update_frames()
+        return self._residual_factors(q)
+
+    def _residual_factors(self, q: Array) -> tuple[Array, Array]:
+        """Update the residual at q (nq,) from the frames; return vectors a, b (m, 3).
 
         The residual of a loop equation is weight a . b - constant. The vectors a and b are axes of its two
         frames or the offset between their origins, see `row_factors`.
         """
-        scratch = self.scratch
         rows = self.rows
-        # pinocchio stores three axes and the origin of each frame of the model, one after another
-        scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)
-        np.einsum("ij,ij->i", a, b, out=self.residual)  # a . b of each row
+        np.vecdot(a, b, out=self.residual)
         if not rows.only_translations:  # translations have the weight 1 and the constant 0
             self.residual *= rows.weight
             self.residual -= rows.constant

@@ -237,15 +237,22 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     start[2 * model.m :] = 1.0
     largest = default_bandwidth(delay * reference.period, reference.period, DEFAULT_BANDWIDTH)
 
-    def deviation(bandwidth: float) -> float:
-        gain = motor_gains(reference, model, MotorControl.of(inertia, bandwidth))
-        late, later = (
-            closed_loop_deviation(plant, Feedback(gain, periods, None, predicts=False), start).z[0]
-            for periods in (delay, delay + 1)
-        )
-        return float(max((np.abs(z[:, : robot.n]) / robot.platform_scale).max() for z in (late, later)))
-
-    return float(min(BANDWIDTHS[largest >= BANDWIDTHS], key=deviation, default=largest))
+    bandwidths = BANDWIDTHS[largest >= BANDWIDTHS]
+    if not len(bandwidths):
+        return largest
+    gains = [motor_gains(reference, model, MotorControl.of(inertia, one)) for one in bandwidths]
+    gain = np.stack(gains, axis=1)  # (K, bandwidths, n_a, N)
+    deviations = [
+        closed_loop_deviation(
+            plant,
+            Feedback(gain, periods, None, predicts=False),
+            start,
+            robots=[plant] * len(bandwidths),
+        ).z[:, :, : robot.n]
+        for periods in (delay, delay + 1)
+    ]
+    worst = (np.maximum(*deviations) / robot.platform_scale).max(axis=(1, 2))  # (bandwidths,)
+    return float(bandwidths[np.argmin(worst)])
 
 
 def motor_gains(reference: Reference, model: LinearModel, feedback: MotorControl) -> Array:

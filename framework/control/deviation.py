@@ -54,7 +54,7 @@ class Observer(NamedTuple):
 class Feedback(NamedTuple):
     """The torque -gain z of a known delay, from an estimate of z or, without observer, from z itself."""
 
-    gain: Array  # (K, n_a, N)
+    gain: Array  # (K, n_a, N), or (K, R, n_a, N) of R robots each with a gain of its own
     delay: int  # [periods]
     observer: Observer | None
     predicts: bool  # whether z is predicted through the delay
@@ -99,19 +99,13 @@ def closed_loop_deviation(
     none = np.zeros((len(plants), n_a, columns))
     acting = none
     is_lost = np.zeros(len(plants), dtype=bool)
+    shares = np.repeat([1.0, 1.0 / NOISE_SAMPLES], [starts, samples])  # (columns,) of squares in variances
+    # variances until the end
     z, torque = np.empty((len(plants), count, N)), np.empty((len(plants), count, n_a))
-
-    def deviation(values: Array) -> Array:
-        """Return the standard deviations (R, ...) of values (R, ..., columns)."""
-        with np.errstate(over="ignore"):  # of torques of a loop that diverges
-            squares: Array = values**2
-            noise_part = squares[..., starts:].sum(axis=-1) / NOISE_SAMPLES
-            variance = squares[..., :starts].sum(axis=-1) + noise_part
-        return np.where(is_lost[:, None], np.inf, np.sqrt(variance))
-
+    parts = [list(zip(*part, strict=True)) for part in zip(*plants, strict=True)]  # by instant
     for k in range(count):
-        F, G, C, D = (np.array([part[k] for part in parts]) for parts in zip(*plants, strict=True))
-        z[:, k] = deviation(state)
+        F, G, C, D = (np.array(part[k]) for part in parts)
+        z[:, k] = (state * state) @ shares
         estimate = state
         if observer is not None:
             innovation = C @ state - model.C[k] @ predicted + (D - model.D[k]) @ acting
@@ -124,7 +118,9 @@ def closed_loop_deviation(
         for j in range(k, target if feedback.predicts else k):
             ahead = model.F[j] @ ahead + model.G[j] @ (sent[j - delay] if j >= delay else none)
         command = -feedback.gain[target] @ ahead
-        torque[:, k] = deviation(command)
+        with np.errstate(over="ignore"):  # of a loop that diverges
+            torque[:, k] = (command * command) @ shares
+        z[is_lost, k] = torque[is_lost, k] = np.inf
         sent.append(command)
         acting = sent[k - delay] if k >= delay else none
         state = F @ state + G @ acting
@@ -134,4 +130,4 @@ def closed_loop_deviation(
         if is_lost.all():
             z[:, k + 1 :], torque[:, k + 1 :] = np.inf, np.inf
             break
-    return Deviation(z, torque)
+    return Deviation(np.sqrt(z), np.sqrt(torque))

@@ -20,6 +20,7 @@ stay: l = L_h h + L_t tau + L_f theta from the rows K_lh h + K_ll l = B_l tau + 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -99,7 +100,22 @@ def linearise_plan(
         InvalidInput: unknown kind; a motion of the platform moves no mass.
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
-    robot, motion, period = reference.robot, reference.motion, reference.period
+    return linearise_variants(reference, disturbances, [reference.robot.stiffness], like=like)[0]
+
+
+def linearise_variants(
+    reference: Reference,
+    disturbances: tuple[str, ...],
+    stiffnesses: Sequence[Array],
+    *,
+    like: LinearModel | None = None,
+) -> list[LinearModel]:
+    """Compute the linear models of robots that differ in the stiffness (n_e,) of their springs alone.
+
+    Only E_0 and the forces of spring errors depend on it. See `linearise_plan`; without `like` the
+    coordinates are those of the first robot.
+    """
+    robot, motion = reference.robot, reference.motion
     joint_torque = robot.gear_ratio * reference.torque - (robot.rotors * motion.a)[:, robot.actuated]
     rates = (reference.x, reference.dx, reference.ddx)
     steps = np.concatenate([robot.elastic, robot.structure.idle])
@@ -108,20 +124,47 @@ def linearise_plan(
     d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints, which rest
     changes = MotionChanges(*(change[..., :d, :] for change in changes))
     E = matmul(changes.q, force_changes[:, :, :d].swapaxes(2, 3))  # (3, K, d, d)
+    names, forces = _disturbance_forces(reference, changes, disturbances)  # (K, d, p) on y
+    deflections = changes.q[..., robot.elastic]  # (K, d, n_e)
+    models: list[LinearModel] = []
+    for stiffness in stiffnesses:
+        varied = E.copy()
+        varied[0] += (deflections * (stiffness - robot.stiffness)) @ deflections.swapaxes(1, 2)
+        of_springs = dict(zip(robot.elastic_names, stiffness / robot.stiffness, strict=True))
+        factors = [of_springs.get(name.removeprefix("spring "), 1.0) for name in names]
+        like = like or (models[0] if models else None)
+        choice = like.choice if like else _choose_on_path(reference, varied, changes)
+        models.append(_reduce(reference, disturbances, names, varied, forces * factors, changes, choice))
+    return models
 
+
+def _choose_on_path(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
+    """Choose the coordinates at CHOICE_INSTANTS of the plan, see `_choose_coordinates`."""
     spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
     at_some = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
-    choice = like.choice if like else _choose_coordinates(reference, E[:, spread], at_some)
+    return _choose_coordinates(reference, E[:, spread], at_some)
+
+
+def _reduce(
+    reference: Reference,
+    disturbances: tuple[str, ...],
+    names: tuple[str, ...],
+    E: Array,
+    forces: Array,
+    changes: MotionChanges,
+    choice: CoordinateChoice,
+) -> LinearModel:
+    """Compute the model in the coordinates chosen, of equations E (3, K, d, d) and forces (K, d, p) of y."""
+    robot, d = reference.robot, E.shape[2]
     equations = _transform(reference, E, changes, choice)
     h, b = choice.kept, choice.balanced  # b: indices of l
     condensed = _condense(equations, h, b)
 
-    names, forces = _disturbance_forces(reference, changes, disturbances)  # (K, d, p) on y
     f = equations.V.swapaxes(1, 2) @ forces  # on w
     L_f = np.linalg.solve(equations.K[:, b[:, None], b], f[:, b])
     f_h = f[:, h] - equations.K[:, h[:, None], b] @ L_f
     A, B = _state_equations(condensed, f_h)
-    F, G = _discretise(A, B, period)
+    F, G = _discretise(A, B, reference.period)
 
     # joints by z: w = (h, l) by z, y = V w, dq = T y
     m = len(h)
@@ -239,9 +282,6 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
     place to a deflection in static balance. While the model still vibrates too fast, so does the joint that
     moves most in its fastest vibration.
-
-    Raises:
-        InvalidInput: a motion of the platform moves no mass.
     """
     robot = reference.robot
     n, d = robot.n, robot.n + robot.n_e

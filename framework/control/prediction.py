@@ -18,7 +18,7 @@ import numpy as np
 from framework.control.closed_loop import MAX_DEVIATION, torque_limit
 from framework.control.controllers import Controller, FeedforwardPD, motor_gains
 from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
-from framework.control.linear_model import LinearModel, linearise_plan
+from framework.control.linear_model import LinearModel, linearise_plan, linearise_variants
 from framework.control.reference import Reference
 from framework.control.regulators import (
     UNIFORM,
@@ -29,17 +29,15 @@ from framework.control.regulators import (
     disturbances_of,
     prior_deviations,
     reading_rows,
+    regulator_gains,
     tune_lqg,
 )
 from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread
 from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
-from framework.tolerances import MAX_PREDICTED_SHARE
+from framework.tolerances import CAUTIONS, LEAST_ROOM, MAX_PREDICTED_SHARE
 
-# of lqg, tried in turn: factors on the noise that the filter expects of its model, and on the torque share
-CAUTIONS = ((1.0, 1.0), (3.0, 1.0), (3.0, 0.33), (10.0, 0.33), (30.0, 0.33))
-LEAST_ROOM = 0.05  # share of the peak torque that counts as left at the limit
 # sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
     "motors",
@@ -75,6 +73,8 @@ class LinearModels(NamedTuple):
     tuning: Tuning
     within: list[LinearModel]  # of the controller, and with springs softer and stiffer by a deviation
     ends: list[LinearModel]  # of robots with springs at the ends of the spread
+    gains: dict[float, Array]  # of the first model, by the weight of torques; kept by `tune_lqg`
+    tuned: dict[str, tuple[Regulator, LoopPrediction]]  # results of `tune_lqg`, by loop and tuning
 
     @staticmethod
     def of(reference: Reference, spread: Spread, tuning: Tuning) -> LinearModels:
@@ -89,19 +89,15 @@ class LinearModels(NamedTuple):
         """
         robot, size = reference.robot, spread.stiffness
         kinds = tuple(dict.fromkeys([*disturbances_of(spread), *(tuning.estimates or ())]))
-        model = linearise_plan(reference, kinds)
         if not (robot.n_e and size):
-            return LinearModels(reference, spread, tuning, [model], [])
-
-        def vary(signs: Array) -> list[LinearModel]:
-            robots = [replace(robot, stiffness=(1 + size * k * signs) * robot.stiffness) for k in (-1, 1)]
-            return [linearise_plan(replace(reference, robot=one), kinds, like=model) for one in robots]
-
+            return LinearModels(reference, spread, tuning, [linearise_plan(reference, kinds)], [], {}, {})
         springs = np.arange(robot.n_e)
         other, half = np.where(springs % 2, 1, -1), np.where(springs < robot.n_e / 2, 1, -1)
         every = np.ones(robot.n_e)
-        ends = [*vary(every), *vary(other), *vary(half)]
-        return LinearModels(reference, spread, tuning, [model, *vary(UNIFORM * every)], ends)
+        signs = [k * pattern for pattern in (UNIFORM * every, every, other, half) for k in (-1, 1)]
+        factors = [every, *(1 + size * sign for sign in signs)]
+        models = linearise_variants(reference, kinds, [factor * robot.stiffness for factor in factors])
+        return LinearModels(reference, spread, tuning, models[:3], models[3:], {}, {})
 
     def predict(self, name: str, controller: Controller, loop: ControlLoop) -> LoopPrediction | None:
         """Predict the deviations of a controller; None unless linear, with the whole state.
@@ -111,6 +107,9 @@ class LinearModels(NamedTuple):
             controller: lqg, lqr with the whole state, or feedforward without integral.
             loop: the loop in which it works.
         """
+        for tuned, prediction in self.tuned.values():
+            if tuned is controller:
+                return prediction
         if isinstance(controller, FeedforwardPD) and not controller.integral:
             feedback, plants = self._feedback_of_motors(controller, loop)
         elif isinstance(controller, Regulator) and controller.filter is not None:
@@ -184,9 +183,14 @@ class LinearModels(NamedTuple):
         allowed deviation.
         """
         reference, spread, tuning = self.reference, self.spread, self.tuning
+        key = repr((loop, tuning))
+        if key in self.tuned:
+            return self.tuned[key]
         best: tuple[tuple[float, float], Regulator, LoopPrediction] | None = None
         for noise, torque in CAUTIONS if self.ends else CAUTIONS[:1]:
             weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
+            if weights.torque not in self.gains:  # they do not depend on sensors
+                self.gains[weights.torque] = regulator_gains(reference, self.within[0], weights)
             controller = tune_lqg(
                 reference,
                 loop=loop,
@@ -194,6 +198,7 @@ class LinearModels(NamedTuple):
                 estimates=tuning.estimates,
                 weights=weights,
                 model=self.within[0],
+                gain=self.gains[weights.torque],
             )
             prediction = self.predict("lqg", controller, loop)
             assert prediction is not None
@@ -205,6 +210,7 @@ class LinearModels(NamedTuple):
             if excess <= 1 and prediction.ends == 1:
                 break
         assert best is not None
+        self.tuned[key] = best[1:]
         return best[1:]
 
 

@@ -108,7 +108,7 @@ def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> A
     return np.moveaxis(rates, 0, 2)
 
 
-def fading_thresholds(matrices: Array, *, fading_ratio: float = 0.25) -> Array:
+def fading_thresholds(matrices: Array) -> Array:
     """Return a share of the largest singular values (k,) along a plan, for `solve_damped`.
 
     A singular value is small beside a Type 2 singularity, where it is small against its own values elsewhere
@@ -117,4 +117,5 @@ def fading_thresholds(matrices: Array, *, fading_ratio: float = 0.25) -> Array:
     Args:
         matrices: (K, m, k) along the plan, m >= k.
     """
+    fading_ratio = 0.25
     return fading_ratio * np.linalg.svd(matrices, compute_uv=False).max(axis=0)

@@ -223,6 +223,7 @@ def tune_lqg(
     estimates: tuple[str, ...] | None = None,
     weights: Weights | None = None,
     model: LinearModel | None = None,
+    gain: Array | None = None,
 ) -> Regulator:
     """Compute gains and a Kalman filter for the sensors of the loop.
 
@@ -232,12 +233,13 @@ def tune_lqg(
         estimates: disturbances that are estimated, kinds of DISTURBANCES; by default those of the spread.
         weights: of the quadratic cost, and what the filter does not model.
         model: linear model with all disturbances of the spread and of `estimates`, if there is one.
+        gain: `regulator_gains` of this model and these weights, if known.
     """
     loop, weights, spread = loop or ControlLoop(), weights or Weights(), spread or Spread()
     kinds = disturbances_of(spread)
     estimates = kinds if estimates is None else estimates
     model = model or linearise_plan(reference, tuple(dict.fromkeys([*kinds, *estimates])))
-    gain = regulator_gains(reference, model, weights)
+    gain = regulator_gains(reference, model, weights) if gain is None else gain
     prior = prior_deviations(reference, model, spread)
     is_estimated = np.array(
         [name.split()[0].rstrip("s") in {e.rstrip("s") for e in estimates} for name in model.names]

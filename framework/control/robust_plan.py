@@ -20,10 +20,8 @@ from framework.control.variations import Spread
 from framework.dynamics.motor_limits import motor_limits
 from framework.errors import NoAnswer
 from framework.planning.result import CrossingPlan
+from framework.tolerances import LARGEST_MARGIN, MARGIN_STEP
 
-FIRST_MARGIN = 0.025  # share of the limits, doubled while the plan is not robust
-LARGEST_MARGIN = 0.4
-MARGIN_STEP = 0.0125  # to which the search halves the last interval
 PREDICTED = (
     "lqg with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad, torques "
     "by {0.torque:.2g} of their peaks, in one standard deviation"
@@ -83,7 +81,7 @@ def plan_robustly(
         return best
     if np.isinf(motor_limits(unguarded.robot, "torque_limit", unguarded.request.torque_limit)).all():
         raise NoAnswer(f"robust: {reasons[-1]}; without torque limits a margin does not help")
-    low, high = 0.0, FIRST_MARGIN
+    low, high = 0.0, 2 * MARGIN_STEP
     while best is None and high <= LARGEST_MARGIN:
         try:
             best = judge(make_plan(high), high)

@@ -48,6 +48,7 @@ from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chu
 from framework.numerics.output import Document, package_versions
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import plan_document, plan_from_document, read_document
+from framework.tolerances import TRIAL_RUNS
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; larger stacks do not make a run cheaper
 
@@ -206,7 +207,6 @@ def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunk
 
 
 FILE = "robustness.json"
-TRIAL_RUNS = 20  # robots that try the sensors that are suggested
 FIRST_TRIAL = 2**32  # number of the first of them, beyond those of a study
 
 

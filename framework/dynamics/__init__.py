@@ -30,6 +30,7 @@ The platform
 
 At rest
     stiffness               of the platform with locked motors; natural frequencies
+    vibrations              along a path, and the response to motor torques
     static_fold             how soft springs may be before they give way at rest
     loading                 equilibria under a growing load
 """

@@ -15,6 +15,7 @@ from framework.dynamics.platform_wrench import (
 from framework.dynamics.pointwise_dynamics import DynamicsDerivatives, dynamics_at, dynamics_derivatives
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.stiffness import PlatformStiffness, platform_stiffness
+from framework.dynamics.vibrations import Vibrations, platform_vibrations
 
 __all__ = [
     "LOAD_WORDS",
@@ -34,6 +35,7 @@ __all__ = [
     "PlatformStiffness",
     "PlatformWrench",
     "SingularityCrossing",
+    "Vibrations",
     "dynamics_at",
     "dynamics_derivatives",
     "finite_difference_torques",
@@ -42,4 +44,5 @@ __all__ = [
     "loaded_stack",
     "platform_limits",
     "platform_stiffness",
+    "platform_vibrations",
 ]

@@ -213,17 +213,13 @@ class BalanceEquations:
             NotAssembled: the deflections tear the loops.
         """
         branch = self.branch
-        samples = self._sample(splines, series, scalars)
+        clock = self.family(scalars)
+        samples = self._prescribe(splines, series, clock, clock.motion(splines.nodes.p))
         guess = branch.guess(samples.prescribed.s) if near is None else near
         balance = evaluate_balance(
             branch.robot, samples.prescribed, guess, wrenches=branch.wrenches, stiffer=stiffer
         )
         return BalanceState(splines, series, scalars, samples, balance)
-
-    def _sample(self, splines: DeflectionSplines, series: Array, scalars: Array) -> SampledMotion:
-        """Evaluate motion and deflections, with two time derivatives, at the nodes."""
-        clock = self.family(scalars)
-        return self._prescribe(splines, series, clock, clock.motion(splines.nodes.p))
 
     def prescribe_at(self, state: BalanceState, z: float, u: float) -> DeflectedMotion:
         """Return the motion at z and u of the law, with the deflections of a state as functions of xi."""
@@ -312,13 +308,7 @@ class BalanceEquations:
         """The laws with one scalar of plus and of minus its step, for each scalar."""
         return [(self.family(change), self.family(-change)) for change in np.diag(self.steps)]
 
-    def _rest_matrix(
-        self,
-        state: BalanceState,
-        *,
-        # rate or acceleration over that of the quickest spring; below, rest counts less
-        negligible_spring: float = 1e-3,
-    ) -> Array:
+    def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the derivative (rows, C + k) of the terms that vanish at rest.
 
         Rows are rate and acceleration of each spring at both ends, over the spring's largest in the motion.
@@ -326,6 +316,8 @@ class BalanceEquations:
         then springs that do not vibrate are not at rest either.
         C is the number of coefficients of the series, k that of the law's scalars.
         """
+        # rate or acceleration over that of the quickest spring; below, rest counts less
+        negligible_spring = 1e-3
         splines, prescribed = state.splines, state.samples.prescribed
         law = state.samples.clock.law
         is_at_rest = (

@@ -31,6 +31,7 @@ import pinocchio as pin
 from framework.kinematics.closures import loop_force_changes
 from framework.kinematics.external_wrenches import AppliedWrench, wrench_slope
 from framework.kinematics.frames import difference, forces_on_joints, forces_on_joints_slope, scratch_of
+from framework.kinematics.line_springs import Lines, lines_at
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, MotionChanges, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -61,7 +62,7 @@ class JointMotion(Protocol):
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less external wrenches.
 
-    They include gravity, armature, and springs and damping of the joints. For a robot without
+    They include gravity, armature, and springs and damping of joints and between points. For a robot without
     `elastic_inertia`, deflections count as constant.
     """
     inertial = _inertial_motion(robot, motion)
@@ -70,20 +71,23 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
         forces += spring_torques(robot, inertial.q, robot.joint_stiffness)
     if robot.is_damped:
         forces += robot.joint_damping * inertial.v
+    if robot.line_springs.names:
+        forces += lines_at(robot, inertial.q).forces(inertial.v)
     return _subtract_wrenches(forces, motion.wrenches)
 
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
     """Compute the forces r (T, nv) of the open tree at rest at q (T, nq).
 
-    They are those of gravity and joint springs, less external wrenches (`tree_forces` without motion).
+    They are those of gravity, and of springs on joints and between points, less external wrenches
+    (`tree_forces` without motion).
     """
     forces = np.empty((len(q), robot.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
-    if robot.joint_stiffness.any():
-        forces += spring_torques(robot, q, robot.joint_stiffness)
+    if robot.joint_stiffness.any() or robot.line_springs.names:
+        forces += all_spring_forces(robot, q, robot.joint_stiffness)
     return _subtract_wrenches(forces, wrenches)
 
 
@@ -150,6 +154,18 @@ def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
     """
     offset = difference(robot, robot.neutral, q)
     return forces_on_joints(robot, robot.neutral, q, stiffness * (offset - robot.joint_rest))
+
+
+def all_spring_forces(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
+    """Compute the forces (T, nv) of springs of stiffness (nv,) on joints, and of those between points."""
+    forces = spring_torques(robot, q, stiffness) if stiffness.any() else np.zeros((len(q), robot.nv))
+    return forces + lines_at(robot, q).forces() if robot.line_springs.names else forces
+
+
+def damping_forces(robot: ParallelRobot, q: Array, v: Array) -> Array:
+    """Compute the damping forces (T, nv) of joints and between points at q (T, nq) and rates v (T, nv)."""
+    forces: Array = robot.joint_damping * v
+    return forces + lines_at(robot, q).damping_forces(v) if robot.line_springs.names else forces
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
@@ -246,6 +262,20 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
     return Q @ solve(R.swapaxes(1, 2), scale * wrenches)
 
 
+def internal_projectors(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the projectors (T, n_a, n_a) on motor torques that move nothing, motor side.
+
+    Such torques of redundant motors strain the robot alone: M tau = 0 with the M of `balanced_forces`, times
+    the gear ratios. The QR factorisation M' = Q R gives the projector 1 - Q Q'.
+    """
+    unit_torques = np.zeros((robot.n_a, len(linearised.jacobian), len(robot.moving)))
+    unit_torques[:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
+    of_motors = linearised.factors.solve_transposed(unit_torques)  # (n_a, T, n + m)
+    M = of_motors[:, :, : robot.n].transpose(1, 0, 2)  # (T, n_a, n), transposed
+    Q = np.linalg.qr(robot.platform_scale * robot.gear_ratio[:, None] * M)[0]
+    return np.eye(robot.n_a) - Q @ Q.swapaxes(1, 2)
+
+
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
     """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques (T, n_a) and rotors.
 
@@ -274,6 +304,10 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Ar
     if robot.joint_stiffness.any():
         by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
     by_v += np.diag(robot.joint_damping)
+    if robot.line_springs.names:
+        lines = Lines.at(robot, motion.linearised.frames)
+        by_q += lines.force_slope(motion.v)
+        by_v += lines.damping
     for wrench in motion.wrenches:
         by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
     return by_q, by_v, by_a

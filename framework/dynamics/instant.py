@@ -35,6 +35,7 @@ from framework.kinematics.external_wrenches import (
     expect_wrenches,
 )
 from framework.kinematics.frames import move_wrench, rotation_matrices, scratch_of, tree_columns
+from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, clearance
 from framework.kinematics.motion_rates import Motion, motor_speeds, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -351,7 +352,8 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     """Compute the wrench (T, 6) in each joint, by name; NaN if indeterminate.
 
     It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
-    open tree, less the loop wrenches and external wrenches on all bodies that the joint carries.
+    open tree, less the loop wrenches, external wrenches and pulls of springs on all bodies that the joint
+    carries.
 
     Args:
         loops: unit wrenches and multipliers of all loop equations.
@@ -369,7 +371,8 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     # sum the wrenches of each joint about the base's origin, then move the sums to the joints' origins
     about_base = move_wrench(loops.wrench, loops.position)
     loads = matmul(signs.T, loops.multipliers[:, :, None] * about_base)
-    for load in motion.wrenches:
+    lines = Lines.at(robot, motion.linearised.frames)
+    for load in (*motion.wrenches, *lines.pulls(motion.v)):
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
 

@@ -458,9 +458,6 @@ def _check_result(
         solution: motion and forces on the nodes of the grid.
         result: the series through them.
         friction: "driven" or "none".
-
-    Raises:
-        UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
     """
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
     check_crossings(robot, solution, result)
@@ -492,9 +489,6 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     """Return whether the series through the law's values at the nodes of a grid agrees with the law.
 
     If it does, the derivatives of a user's own law are compared with those of the series.
-
-    Raises:
-        InvalidInput: a derivative of the law is not that of the series.
     """
     if isinstance(law, ExactLaw):
         return True  # a law of this package; the closure error between nodes checks it, too

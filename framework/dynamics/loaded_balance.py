@@ -215,24 +215,20 @@ def motion_and_load(
     return motion, load
 
 
-class _SplitLoad(NamedTuple):
-    """A load in the columns that move while the motors are locked, and its loop multipliers."""
-
-    load: Array  # (T, f)
-    multipliers: Array  # (T, m) lambda, J' lambda = load in the least squares
-    Y: Array  # (T, f, n_e) orthonormal null space of J
-
-
-def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLoad:
+def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> tuple[Array, Array, Array]:
     """Select the load from forces (T, nv), and fit the multipliers of the loops.
 
-    J' = Q R gives lambda = R^-1 Q' load.
+    J' lambda = load holds in the least squares: J' = Q R gives lambda = R^-1 Q' load.
+
+    Returns:
+        The load (T, f) of the columns that move while the motors are locked; lambda (T, m); the orthonormal
+        null space Y (T, f, n_e) of J.
     """
     columns, units = locked_columns(robot)
     Q, R, Y = factor_transposed(constraint_rows(robot, motion.linearised))
     load = forces[:, columns] * units
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), load))
-    return _SplitLoad(load, multipliers[:, : len(loop_weights(robot))], Y)
+    return load, multipliers[:, : len(loop_weights(robot))], Y
 
 
 def constraint_rows(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -75,18 +75,18 @@ def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
     others = times[np.abs(times - time) > SAME_PLACE * result.duration]  # instants of the other crossings
     longest_step = MAX_STEP_SHARE * np.abs(others - time).min(initial=np.inf)  # [s]
     try:
-        root = root_of_g(
+        t, converged = root_of_g(
             lambda t: loaded_tangent(result, t), time, high=result.duration, longest=longest_step
         )
     except NoAnswer:
         return None
-    distance_to_others = np.abs(others - root.place).min(initial=np.inf)  # [s]
-    if not root.converged or distance_to_others <= abs(root.place - time):
+    distance_to_others = np.abs(others - t).min(initial=np.inf)  # [s]
+    if not converged or distance_to_others <= abs(t - time):
         return None
-    geometric, loaded = result.platform(np.array([time, root.place]))
+    geometric, loaded = result.platform(np.array([time, t]))
     offset, translations = loaded - geometric, result.robot.translations
     distance = float(np.linalg.norm(offset[translations] if translations.any() else offset))
-    return LoadedPoint(root.place, float(result.law(np.array([root.place]))[0]), distance)
+    return LoadedPoint(t, float(result.law(np.array([t]))[0]), distance)
 
 
 class Softening(NamedTuple):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.dynamics.forces import spring_torques
+from framework.dynamics.forces import all_spring_forces
 from framework.dynamics.stiffness import (
     MAX_STEP,
     CompliantMotions,
@@ -133,7 +133,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     load = Load(
         check_wrench(robot, wrench),
         share=np.zeros(len(q)),
-        preload=spring_torques(robot, q, robot.all_stiffness),  # in balance without load
+        preload=all_spring_forces(robot, q, robot.all_stiffness),  # in balance without load
     )
     unloaded = evaluate_equilibrium(robot, q, load)
     rate, _ = _curve_tangents(unloaded.H, unloaded.slope_by_share, unloaded.null_space)

@@ -217,7 +217,7 @@ def find_missing_forces(robot: ParallelRobot, solution: Pass, checkpoints: Check
     _check_dropped_rows(robot, solution)
     times, motion, r = checkpoints
     torques = solution.grid.fit(solution.forces.joint_torque)(times)
-    return MissingForces(times, torques, _residual_torques(robot, motion.linearised, r, torques))
+    return MissingForces(times, torques, residual_torques(robot, motion.linearised, r, torques))
 
 
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Motion:
@@ -263,7 +263,7 @@ def _check_dropped_rows(robot: ParallelRobot, solution: Pass) -> None:
     )
 
 
-def _residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, torque: Array) -> Array:
+def residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, torque: Array) -> Array:
     """Compute the generalised forces (T, nv) missing for balance.
 
     They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see the

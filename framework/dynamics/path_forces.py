@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import inertial_forces, static_forces
+from framework.dynamics.forces import damping_forces, inertial_forces, static_forces
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import Motion, motion_at
@@ -25,7 +25,7 @@ from framework.numerics.arrays import Array
 class PathForces(NamedTuple):
     """Generalised forces (T, nv) of the open tree at T poses of a path, springs at rest."""
 
-    static: Array  # of weight, joint springs and external wrenches
+    static: Array  # of weight, springs and external wrenches
     centrifugal: Array  # of inertia, per s'^2
     inertial: Array  # of inertia, per s"
     damping: Array  # per s'
@@ -42,6 +42,6 @@ class PathForces(NamedTuple):
             static=static_forces(robot, closed.q, wrenches),
             centrifugal=inertial_forces(robot, motion),
             inertial=inertial_forces(robot, Motion(motion.q, rest, rates, motion.linearised)),
-            damping=robot.joint_damping * rates,
+            damping=damping_forces(robot, closed.q, rates),
             motion=motion,
         )

@@ -251,11 +251,7 @@ class PlatformLimits(ReadOnlyArrays):
 
 
 def platform_limits(
-    robot: ParallelRobot,
-    q: ArrayLike,
-    *,
-    torque_limit: Limit = None,
-    speed_limit: Limit = None,
+    robot: ParallelRobot, q: ArrayLike, *, torque_limit: Limit = None, speed_limit: Limit = None
 ) -> PlatformLimits:
     """Compute the admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
 

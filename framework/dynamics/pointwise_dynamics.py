@@ -304,14 +304,14 @@ class _TaylorMotion(NamedTuple):
         side_offset = 0.1
         if self.robot.n_a > self.robot.n:
             return 0.0  # with redundant motors g has a double root, without a change of sign
-        root = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
+        root, converged = root_of_g(self.type2_matrices, 0.0, low=-half_panel, high=half_panel)
         both_sides = self.type2_matrices(np.array([-side_offset, side_offset]) * half_panel)
         signs, _log_sizes = np.linalg.slogdet(both_sides)  # the determinant is a measure g, up to a factor
         changes_sign = np.prod(signs) < 0
         is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
-        is_at_root = root.converged and abs(root.place) <= max_root_offset * half_panel
+        is_at_root = converged and abs(root) <= max_root_offset * half_panel
         if is_at_root and changes_sign and is_regular:
-            return root.place
+            return root
         raise self.make_error(
             "the motion does not cross the Type 2 singularity but runs along or touches it: torque is then a "
             "limit that needs more than the jerk; plan the motion"

@@ -15,13 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.balance_equations import (
-    BalanceEquations,
-    BalanceState,
-    Family,
-    LinearBalance,
-    Step,
-)
+from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, LinearBalance, Step
 from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, NotConverged, SpringsTooSoft
@@ -66,10 +60,7 @@ class BalanceSolution(NamedTuple):
 
 
 def solve_balance(
-    branch: Branch,
-    family: Family,
-    steps: Array,
-    start: KnownDeflections | None = None,
+    branch: Branch, family: Family, steps: Array, start: KnownDeflections | None = None
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
@@ -264,10 +255,7 @@ def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> Gaus
     if len(splines.cells) > MAX_CELLS:
         return coarse._replace(is_solved=False)
     start = equations.evaluate(
-        splines,
-        splines.insert(state.splines, state.series),
-        state.scalars,
-        stiffer=state.balance.stiffer,
+        splines, splines.insert(state.splines, state.series), state.scalars, stiffer=state.balance.stiffer
     )
     fine = _gauss_newton(equations, start)
     return fine._replace(is_solved=fine.is_solved and MIN_GAIN * fine.state.misfit < state.misfit)

@@ -270,7 +270,7 @@ def deformed_crossing(
     P = type2_matrix(robot, motion.linearised)  # (2, n, n)
     g, beside = solve_bordered(P, Border.of(P[0])).g.tolist()
     if abs(g) > law_root_rounding:
-        t = root_of_g(matrices, t, high=result.duration).place
+        t, _ = root_of_g(matrices, t, high=result.duration)
         motion = result.motion(t)
         r = tree_forces(robot, motion)
     elif abs(beside) > 100.0 * law_root_rounding:  # else the path touches the locus, the slope is rounding

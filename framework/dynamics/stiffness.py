@@ -22,6 +22,7 @@ elimination by a null space Z, Briot and Khalil, Dynamics of Parallel Robots, Sp
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,11 +31,12 @@ import numpy as np
 from framework.dynamics.forces import mass_matrices
 from framework.dynamics.tangent_stiffness import Load, check_wrench, evaluate_equilibrium, tangent_stiffness
 from framework.errors import InvalidInput, NotConverged
-from framework.kinematics.frames import difference, integrate_columns
+from framework.kinematics.frames import difference, integrate, integrate_columns
+from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
-from framework.numerics.ordered_sums import factor_transposed, matmul
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import factor_transposed, matmul, matvec
 from framework.tolerances import (
     EIGENVALUE_ROUNDING,
     LOOP_GAP,
@@ -47,46 +49,64 @@ MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections 
 
 
 class CompliantMotions(NamedTuple):
-    """The motions that springs and loops allow at T configurations with locked motors."""
+    """The motions that springs and loops allow at T configurations, with locked motors by default."""
 
     Z: Array  # (T, f, d) rates of unlocked joints; orthonormal if lengths are counted in robot lengths
     X: Array  # (T, n, d) twists of the platform on its axes
     K: Array  # (T, d, d) stiffness of the springs alone
-    M: Array  # (T, d, d) mass of all bodies; rotors rest
+    M: Array  # (T, d, d) mass of all bodies, and of rotors that move
 
 
 def require_springs(robot: ParallelRobot) -> None:
     """Raise InvalidInput for a robot without springs."""
-    if not (robot.n_e or robot.joint_stiffness.any()):
+    if not robot.has_springs:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
             f"flexible_joints or flexible_links"
         )
 
 
-def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Array) -> CompliantMotions:
+def compliant_motions(
+    robot: ParallelRobot, linearised: LinearisedLoops, q: Array, *, columns: IntArray | None = None
+) -> CompliantMotions:
     """Compute the compliant motions with spring stiffness and mass at configurations q (T, nq).
+
+    Args:
+        columns: joints (f,) that move, by default all but those of the motors. Rotors count if they move.
 
     Raises:
         InvalidInput: a robot without springs.
     """
     require_springs(robot)
-    columns = robot.unlocked
+    columns = robot.unlocked if columns is None else columns
     _Q, _R, null = factor_transposed(scaled_loops(robot, linearised)[:, :, columns])
     Z = null * robot.column_scale[columns][:, None]
     stiffness = robot.all_stiffness[columns]
-    mass = mass_matrices(robot, q)[:, columns[:, None], columns]
+    mass = (mass_matrices(robot, q) + np.diag(robot.rotors))[:, columns[:, None], columns]
     transposed = Z.swapaxes(1, 2)
+    of_lines = np.zeros((1, 1, 1))  # springs between points, without the geometric stiffness of their pull
+    if robot.line_springs.names:
+        between = Lines.at(robot, linearised.frames).stiffness[:, columns[:, None], columns]
+        of_lines = matmul(transposed, matmul(between, Z))
     return CompliantMotions(
         Z=Z,
         X=matmul(linearised.platform[:, :, columns], Z),
-        K=matmul(transposed * stiffness, Z),
+        K=matmul(transposed * stiffness, Z) + of_lines,
         M=matmul(transposed, matmul(mass, Z)),
     )
 
 
-def least_ratios(H: Array, S: Array) -> Array:
-    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S.
+def natural_frequencies(free: CompliantMotions, count: int) -> Array:
+    """Compute the `count` lowest natural frequencies (T, count) [Hz]; NaN where there are fewer."""
+    frequencies = np.full((len(free.K), count), np.nan)
+    for k, (stiffness, mass) in enumerate(zip(free.K, free.M, strict=True)):
+        squares, _shapes = _vibrations(stiffness, mass)
+        frequencies[k, : len(squares)] = np.sqrt(np.maximum(squares[:count], 0.0)) / (2 * np.pi)
+    return frequencies
+
+
+def least_ratios(H: Array, S: Array) -> tuple[Array, Array]:
+    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S, and its z (T, d).
 
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
@@ -97,16 +117,16 @@ def least_ratios(H: Array, S: Array) -> Array:
         H, S: symmetric matrices (T, d, d); H is positive semidefinite unless the robot buckles.
 
     Returns:
-        The ratio; NaN if there is no least one, or where the robot buckles so far that H + sigma S is
+        The ratio and z; NaN if there is no least one, or where the robot buckles so far that H + sigma S is
         indefinite.
     """
-    least = np.full(len(H), np.nan)
+    least, motions = np.full(len(H), np.nan), np.full(H.shape[:2], np.nan)
     # shift the stiffness of rows with a denominator, S != 0
     trace_H = np.abs(np.trace(H, axis1=1, axis2=2))
     trace_S = np.trace(S, axis1=1, axis2=2)
     rows = np.flatnonzero(trace_S > 0)
     if not len(rows):  # also if there are no motions, d = 0
-        return least
+        return least, motions
     sigma = trace_H[rows] / trace_S[rows]
     shifted = H[rows] + sigma[:, None, None] * S[rows]
     is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
@@ -114,22 +134,57 @@ def least_ratios(H: Array, S: Array) -> Array:
     rows, sigma = rows[is_definite], sigma[is_definite]
     inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
     relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
-    mu = np.linalg.eigvalsh(relative)[:, -1]
-    least[rows] = 1.0 / mu - sigma
-    return least
+    mu, vectors = np.linalg.eigh(relative)
+    least[rows] = 1.0 / mu[:, -1] - sigma
+    motions[rows] = matvec(inverse.swapaxes(1, 2), vectors[:, :, -1])
+    return least, motions
 
 
 def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
-    """Compute the stiffness (T,) [N/m] of the platform's point in the softest direction, 0 at Type 2.
+    """Compute the stiffness (T,) of the platform in its softest direction, see `softest_motion`."""
+    return softest_motion(robot, free)[0]
+
+
+def softest_motion(robot: ParallelRobot, free: CompliantMotions) -> tuple[Array, Array]:
+    """Compute the stiffness (T,) [N/m] of the platform's point in its softest direction (T, k), 0 at Type 2.
 
     It is the least of z' K z / |X z|^2 over all motions z with locked motors, `free`. X z is the velocity of
-    the platform's point. For a platform that only turns, X z is its rate of rotation, and the result the
-    rotational stiffness [N m/rad].
+    the platform's point, and the direction a unit vector on its k axes, the largest entry positive. For a
+    platform that only turns, X z is its rate of rotation, and the result the rotational stiffness [N m/rad].
     """
-    axes = robot.translations if robot.translations.any() else ~robot.translations
-    X = free.X[:, axes]
+    X = free.X[:, moving_axes(robot)]
+    stiffness, motions = least_ratios(free.K, matmul(X.swapaxes(1, 2), X))
     # a negative ratio is rounding of the stiffness 0 at Type 2
-    return np.maximum(least_ratios(free.K, matmul(X.swapaxes(1, 2), X)), 0.0)
+    return np.maximum(stiffness, 0.0), _unit_rows(matvec(X, motions))
+
+
+def moving_axes(robot: ParallelRobot) -> IntArray:
+    """Return the k axes of the platform along which it moves; of one that only turns, all."""
+    return np.flatnonzero(robot.translations if robot.translations.any() else ~robot.translations)
+
+
+def _unit_rows(vectors: Array) -> Array:
+    """Scale vectors (T, k) to unit length, their largest entries positive; NaN without a length."""
+    largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=1)[:, None], axis=1)
+    sizes = np.linalg.norm(vectors, axis=1, keepdims=True) * np.sign(largest)
+    unit: Array = vectors / np.where(sizes == 0.0, np.nan, sizes)
+    return unit
+
+
+def direction_in_words(names: Sequence[str], direction: Array) -> str:
+    """Say along which axis a unit direction (k,) leads, and how far off it.
+
+    Examples are "along y" and "21 degrees off y, towards -x and z".
+    """
+    order = np.argsort(-np.abs(direction))
+    first, *others = ((names[k], float(direction[k])) for k in order)
+    sign = "-" if first[1] < 0 else ""
+    off = np.degrees(np.arccos(min(abs(first[1]), 1.0)))
+    if off < 1.0:
+        return f"along {sign}{first[0]}"
+    least = 0.2 * np.linalg.norm([size for _, size in others])  # smaller ones are not named
+    towards = [f"{'-' if size < 0 else ''}{name}" for name, size in others if abs(size) > least]
+    return f"{off:.0f} degrees off {sign}{first[0]}, towards {' and '.join(towards)}"
 
 
 def locked_motor_frequency(free: CompliantMotions) -> Array:
@@ -138,7 +193,7 @@ def locked_motor_frequency(free: CompliantMotions) -> Array:
     Args:
         free: the motions that springs and loops allow, with their stiffness and mass.
     """
-    return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
+    return np.sqrt(np.maximum(least_ratios(free.K, free.M)[0], 0.0)) / (2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +233,21 @@ class PlatformStiffness(ReadOnlyArrays):
         """Unit twist (n,) of least stiffness, lengths in robot lengths; its largest entry is positive."""
         scale = self.robot.platform_scale
         _values, vectors = np.linalg.eigh(self.stiffness * np.outer(scale, scale))
-        direction = vectors[:, 0]
-        return direction * np.sign(direction[np.abs(direction).argmax()])
+        return _unit_rows(vectors[None, :, 0])[0]
+
+    def displaced(self, mode: int, size: float) -> Array:
+        """Return the configuration (nq,) in which a vibration moves its largest joint by `size`.
+
+        `size` is in rad or robot lengths. The loops are closed to first order.
+        """
+        rates = self.modes[mode]
+        largest = np.abs(rates / self.robot.column_scale).max()
+        return integrate(self.robot, self.q[None], (rates * size / largest)[None])[0]
+
+    @property
+    def softest_in_words(self) -> str:
+        """The softest direction in words: 21 degrees off y, towards -x."""
+        return direction_in_words(self.robot.axis_names, self.softest_direction)
 
 
 def platform_stiffness(

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import spring_torques
+from framework.dynamics.forces import all_spring_forces
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import loop_force_changes
 from framework.kinematics.external_wrenches import applied_wrench, wrench_slope
 from framework.kinematics.frames import frames_at, scratch_of
+from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
@@ -124,8 +125,12 @@ def tangent_stiffness(
     scaled_forces = forces[:, columns] * robot.column_scale[columns]
     Q, R, _null = factor_transposed(J)
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
-    gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
-    force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(gravity_stiffness, steps)
+    stiffness = _gravity_stiffness(robot, q) * load.share[:, None, None]
+    if robot.line_springs.names:
+        of_lines = Lines.at(robot, linearised.frames).force_slope()
+        stiffness += 0.5 * (of_lines + of_lines.swapaxes(1, 2))  # not symmetric on balls, like gravity's
+    between_joints = stiffness[:, columns[:, None], columns]
+    force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(between_joints, steps)
     curvature = _curvature(robot, linearised, steps, multipliers, load)
     return matmul(steps.swapaxes(1, 2), force_changes) - curvature
 
@@ -179,7 +184,7 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     preload cancels.
     """
     data = scratch_of(robot).data
-    springs = spring_torques(robot, q, robot.all_stiffness)
+    springs = all_spring_forces(robot, q, robot.all_stiffness)
     weight = np.array([pin.computeGeneralizedGravity(robot.model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
     by_share = load.preload + weight - wrench

@@ -63,31 +63,24 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     state = solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
-    terms = _law_terms(clock.law, state.splines.nodes.p)
-    per_term = _split_by_law_terms(equations, state)
-    F_y = per_term.F @ terms.by_y  # (T, n_e, n)
+    terms, terms_by_y = _law_terms(clock.law, state.splines.nodes.p)  # (T, 4), (T, 4, n)
+    F_per_term, torque_per_term, speed = _split_by_law_terms(equations, state)
+    F_y = F_per_term @ terms_by_y  # (T, n_e, n)
     linear = equations.linearise(state)
     # derivatives by y of the splines' coefficients and of the law's scalars
     by_y = linear.cancel_changes(F_y.reshape(-1, F_y.shape[2]))
     series_by_y, scalar_slopes = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
-    torque = per_term.torque @ terms.values[..., None]
+    torque = torque_per_term @ terms[..., None]
     by_deflections = _torques_of_deflections(equations.branch.robot, state, series_by_y)
-    slopes = per_term.torque @ terms.by_y + by_deflections
+    slopes = torque_per_term @ terms_by_y + by_deflections
     # torque, slopes and speed, in the order of the fields
-    functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, per_term.speed)]
+    functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, speed)]
     return TorqueResponse(clock.law.coefficients, scalar_slopes, *functions)
 
 
-class _LawTerms(NamedTuple):
-    """The terms 1, z, u and z^(1/2) of a law at T nodes."""
-
-    values: Array  # (T, 4)
-    by_y: Array  # (T, 4, n) derivatives by the coefficients
-
-
-def _law_terms(law: OptimalLaw, xi: Array) -> _LawTerms:
-    """Compute the terms 1, z, u and z^(1/2) of a law at xi (T,), and their derivatives by y.
+def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
+    """Compute the terms 1, z, u and z^(1/2) (T, 4) of a law at xi (T,), and their derivatives (T, 4, n) by y.
 
     Args:
         law: the optimal law, with the coefficients y of z.
@@ -100,7 +93,7 @@ def _law_terms(law: OptimalLaw, xi: Array) -> _LawTerms:
     root = np.sqrt(z)
     root_by_y = z_by_y / (2.0 * root)[:, None]
     values = np.stack([np.ones_like(z), z, u, root], axis=1)
-    return _LawTerms(values, np.stack([0.0 * z_by_y, z_by_y, u_by_y, root_by_y], axis=1))
+    return values, np.stack([0.0 * z_by_y, z_by_y, u_by_y, root_by_y], axis=1)
 
 
 def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
@@ -117,22 +110,18 @@ def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: A
     return torque
 
 
-class _Coefficients(NamedTuple):
-    """Coefficients of F and torques per (1, z, u, z^(1/2)) at given deflections, and motor speeds."""
-
-    F: Array  # (T, n_e, 4)
-    torque: Array  # (T, n_a, 4) [N m], motor side
-    speed: Array  # (T, n_a) [rad] over d sigma/dt, motor side
-
-
-def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Coefficients:
+def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tuple[Array, Array, Array]:
     """Compute coefficients of F and torques from values at four (z, u), at a state's configurations.
 
-    Four pairs determine the four coefficients of 1, z, u and z^(1/2).
+    Four pairs determine the four coefficients of 1, z, u and z^(1/2), at the deflections of the state.
 
     Args:
         equations: the equations of balance.
         state: the state whose configurations and deflections are kept.
+
+    Returns:
+        The coefficients (T, n_e, 4) of F and (T, n_a, 4) of torques [N m], motor side; motor speeds (T, n_a)
+        [rad] over d sigma/dt, motor side.
     """
     robot = equations.branch.robot
     balance = state.balance
@@ -147,7 +136,7 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _Co
     speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1, where d sigma/dt = 1
     columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
-    return _Coefficients(F, _balance_motors(robot, balance, load, acceleration), speed)
+    return F, _balance_motors(robot, balance, load, acceleration), speed
 
 
 def _motion_with_spring_rates(

@@ -278,5 +278,7 @@ def _plan_motion(highest: ParallelRobot, request: Request) -> tuple[Level, Cross
         rigid = LEVELS_BY_NAME["rigid"]
         with suppress(NoAnswer):
             robot = robot_at_level(highest.description, rigid)
+            if robot.n_a > robot.n:  # redundant motors, whose torques at all levels are those of least norm
+                request = replace(request, torque_sharing="least_norm")
             return rigid, plan_request(robot, replace(request, geometry=rigid.geometry))
         raise refusal

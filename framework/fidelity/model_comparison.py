@@ -1,8 +1,5 @@
 """The comparison of the levels of fidelity: the torques of each drive a simulation of the highest model.
 
-All levels follow one motion (`predicted_level`). The simulation begins at rest at the start of the path and
-ends with the motion, or when the platform is lost: too far from the motion to come back.
-
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
 controller, which drives the motor back to its planned angle.
 """
@@ -142,7 +139,14 @@ class ReferenceMotion:
         Raises:
             InvalidInput: the robot cannot be simulated.
         """
-        reference = self._simulate_reference()
+        # the step error of all simulations is the first with which the plan's own torques keep the platform
+        # on its path; else the last one
+        allowed = self.tolerance * self.length / self.highest.length  # platform error [robot lengths]
+        for step_error in STEP_ERRORS:
+            self.step_error = max(step_error * allowed, CLOSED_LOOP)  # loops are closed no better
+            reference = self._simulate(LEVELS[-1], self.plan.dynamics)
+            if reference.platform <= OWN_ERROR * self.tolerance:
+                break
         previous = None  # the comparison of the level below
         unknown = np.full(len(self.times), np.nan)  # errors of a level without a motion
         for name, (motion, seconds, reason) in motions:
@@ -160,20 +164,6 @@ class ReferenceMotion:
                 comparison = self._simulate(level, motion)
             previous = replace(comparison, level=level, motion=motion, seconds=seconds)
             yield previous
-
-    def _simulate_reference(self) -> Comparison:
-        """Simulate the plan's own torques; choose the step error for all simulations.
-
-        The step error is the first of STEP_ERRORS, times the tolerance and the path's length, with which the
-        platform stays on its path. If none is small enough, the last one is used.
-        """
-        allowed = self.tolerance * self.length / self.highest.length  # platform error [robot lengths]
-        for step_error in STEP_ERRORS:
-            self.step_error = max(step_error * allowed, CLOSED_LOOP)  # loops are closed no better
-            own = self._simulate(LEVELS[-1], self.plan.dynamics)
-            if own.platform <= OWN_ERROR * self.tolerance:
-                break
-        return own
 
     def _is_equal(self, motion: InverseDynamics, other: InverseDynamics | None) -> bool:
         """Return whether the torques of two motions are equal but for rounding."""

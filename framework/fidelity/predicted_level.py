@@ -21,7 +21,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from framework.dynamics.open_loop import (
     GROWTH_INSTANTS,
@@ -340,6 +339,8 @@ def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDy
 
     They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
     """
+    from scipy.interpolate import CubicSpline  # takes as long to import as the rest of this program
+
     instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
     # stacks (GROWTH_INSTANTS, n, n) of the three matrices; axis 1 of their array is time
     matrices = error_dynamics(rigid, instants)

@@ -3,8 +3,8 @@
 Joints keep their names, axes, zeros, armature, damping, dry friction and springs. The frames of the platform
 and of the loops become sites. A rotor adds gear ratio^2 times its inertia to the armature of its joint. A
 motor is an actuator with the gear ratio as gear and the motor torque as control. A spring of the robot is a
-joint with stiffness. Loops and couplings are equalities. MuJoCo requires mass in each moving body; bodies
-without mass are given MIN_MASS and MIN_INERTIA. Bodies have no shape.
+joint with stiffness, one between points a spatial tendon. Loops and couplings are equalities. MuJoCo requires
+mass in each moving body; bodies without mass are given MIN_MASS and MIN_INERTIA. Bodies have no shape.
 
 Points that coincide, MuJoCo's `connect`, close a loop: one point, two on the axis of a hinge, or three of a
 weld. Any other closure is written as the first of these that locks the axes of the closure and further ones,
@@ -231,7 +231,7 @@ def _acceptable_inertia(inertia: Array) -> Array:
 
 
 def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element], zero: Array) -> None:
-    """Add the equalities of closures and couplings, and sites at the frames of platform and closures.
+    """Add the equalities of closures and couplings, springs between points, and sites at their frames.
 
     `bodies` are the elements of the bodies, by number of pinocchio's joint; `zero` (nq,) is MuJoCo's zero
     pose, from which MuJoCo measures the lengths of tendons.
@@ -267,6 +267,12 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element], zero:
 
     for coupling in robot.description.couplings:
         _add_coupling(equality, tendons, coupling)
+    for spring in robot.description.line_springs:
+        numbers = {"stiffness": spring.stiffness, "springlength": spring.rest, "damping": spring.damping}
+        words = {key: repr(float(number)) for key, number in numbers.items()}
+        tendon = SubElement(tendons, "spatial", {"name": spring.label} | words)
+        for end in spring.between:
+            SubElement(tendon, "site", site=end)
 
     if len(tendons):
         root.append(tendons)

@@ -259,21 +259,16 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
-def random_poses(
-    robot: ParallelRobot,
-    count: int,
-    random: np.random.Generator,
-    *,
-    steps: int = 16,  # of every random walk
-    max_steps: int = 36,  # of a walk that has not moved by then, each half as long as the previous one
-    largest_step: float = 0.5,  # [rad, robot lengths] of the platform
-) -> tuple[Array, Array]:
+def random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
     """Draw assembled configurations q (count, nq) and platform coordinates x (count, n).
 
     Each pose is the end of a random walk from the reference. A step is rejected if the loops do not close at
     its end, or if the end is near a singularity. After `steps` steps only walks without an accepted step
     continue, with ever shorter steps.
     """
+    steps = 16  # of every random walk
+    max_steps = 36  # of a walk that has not moved by then, each half as long as the previous one
+    largest_step = 0.5  # [rad, robot lengths] of the platform
     q = np.repeat(robot.reference.q[None], count, axis=0)
     x = np.repeat(robot.reference.x[None], count, axis=0)
     has_moved = np.zeros(count, dtype=bool)
@@ -421,10 +416,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         properties = joints.get(actuator.joint, JointDynamics())
         joints[actuator.joint] = replace(properties, damping=damping, friction=friction)
     return replace(
-        description,
-        urdf_text=tostring(urdf, encoding="unicode"),
-        actuators=tuple(actuators),
-        joints=joints,
+        description, urdf_text=tostring(urdf, encoding="unicode"), actuators=tuple(actuators), joints=joints
     )
 
 

@@ -229,9 +229,11 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     Raises:
         NotAssembled: the loops do not close at some of them.
     """
-    stack = forward_kinematics_stack(model, measured.values[:, : model.n_a])
-    for refusal in stack.refused.values():
-        raise refusal  # of the first refused instant
+    motors = measured.values[:, : model.n_a]
+    for rows in (motors[:1], motors):  # columns in a wrong unit are refused at the first instant
+        stack = forward_kinematics_stack(model, rows)
+        for refusal in stack.refused.values():
+            raise refusal  # of the first refused instant
     return stack.q
 
 
@@ -245,7 +247,7 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         placed = place_fixtures(geometry, measured, q)
         frames = frames_at(geometry.model, q)
         start = np.zeros(len(placed.names))
-        offset = measurement_offsets(placed, geometry.model, measured, frames, start).offset
+        offset = measurement_offsets(placed, geometry.model, measured, frames, start)[0]
         spread = measured.values.std(axis=0)  # (m,)
         touches = [name.startswith(TOUCH) for name in measured.names]
         spread[touches] = geometry.robot.length  # they are all about zero
@@ -301,7 +303,7 @@ def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, valu
             residual=float(poses.linearised.gap[worst]),
         )
     frames = poses.linearised.frames
-    offset = measurement_offsets(geometry, model, measured, frames, values).offset  # (T, m)
+    offset, *_ = measurement_offsets(geometry, model, measured, frames, values)  # (T, m)
     return np.sqrt(np.mean(offset**2, axis=0))
 
 
@@ -349,18 +351,15 @@ def _describe_unseen(
     return tuple(sentences)
 
 
-def _choose_further_poses(
-    solver: GaussNewton,
-    *,
-    count: int = 6,  # as many as an afternoon allows, and more than a leg has unknowns
-    candidates: int = 100,
-) -> FurtherPoses:
+def _choose_further_poses(solver: GaussNewton) -> FurtherPoses:
     """Choose the poses whose measurements add most to those of the fit.
 
     Of random poses within the joints' ranges each one chosen multiplies the determinant of the information
     most: by det(1 + A C A'), where A are its equations and C is the covariance so far (D-optimal design;
     Fedorov, "Theory of Optimal Experiments", 1972).
     """
+    count = 6  # as many as an afternoon allows, and more than a leg has unknowns
+    candidates = 100
     geometry, measured = solver.geometry, solver.measured
     try:
         q, x = random_poses(geometry.model, candidates, np.random.default_rng(0))
@@ -498,7 +497,7 @@ class GaussNewton:
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _reweight(self, equations: ParameterEquations, *, huber_ratio: float = 2.0) -> float:
+    def _reweight(self, equations: ParameterEquations) -> float:
         """Set the noise and the weights of the instants from residuals; return the new cost.
 
         The noise is estimated from the median residual. An instant with a residual r above the noise times
@@ -506,6 +505,7 @@ class GaussNewton:
         Mathematical Statistics 35, 1964). `weights` are the square roots of Huber's weights, because they
         multiply residuals.
         """
+        huber_ratio = 2.0
         residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
         self.weights = np.sqrt(
@@ -513,16 +513,12 @@ class GaussNewton:
         )
         return self._cost(equations, self.values)
 
-    def _estimate_deviations(
-        self,
-        equations: ParameterEquations,
-        *,
-        width: float = 3.0,  # number of standard deviations for which intervals are widened by Student's t
-    ) -> None:
+    def _estimate_deviations(self, equations: ParameterEquations) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
         If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
         """
+        width = 3.0  # number of standard deviations for which intervals are widened by Student's t
         from scipy.special import ndtr, stdtrit  # slow to import
 
         residual = self.weights[:, None] * equations.residual
@@ -537,13 +533,7 @@ class GaussNewton:
         if self.degrees_of_freedom >= 1.0:
             self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
 
-    def _estimate_noise(
-        self,
-        equations: ParameterEquations,
-        residual: float,
-        *,
-        least_noise: float = 1e-3,  # share of the assumed noise
-    ) -> None:
+    def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
         """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
         `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines
@@ -553,6 +543,7 @@ class GaussNewton:
         grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
         the noise is the assumed noise, s = 1. Residuals below `least_noise` count as rounding.
         """
+        least_noise = 1e-3  # share of the assumed noise
         count = len(self.q) * self.equations_per_instant  # N
         squares = self._squared_singular_values(equations)
 

@@ -205,7 +205,8 @@ def excite(
         acceleration=acceleration,
         clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
     )
-    z, q, fall = _search(design, limits, trials, np.random.default_rng(seed), progress)
+    random = np.random.default_rng(seed)
+    z, q, first_cost, cost = _search(design, limits, trials, random, progress)
     motion = _complete(design, limits, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
@@ -216,7 +217,7 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
-        improvement=float(np.exp(fall)),
+        improvement=float(np.exp(first_cost - cost)),
         trials=trials,
     )
 
@@ -345,10 +346,11 @@ def _search(
     trials: int,
     random: np.random.Generator,
     progress: Callable[[float], None],
-) -> tuple[Array, Array, float]:
-    """Search the motion z (K, n) of least cost by an evolution strategy.
+) -> tuple[Array, Array, float, float]:
+    """Search the motion of least cost by an evolution strategy.
 
-    Return z, its poses q (INSTANTS, nq), and how far the cost fell.
+    Returns:
+        z (K, n); the poses (INSTANTS, nq); the costs of the first motion and of this one.
     """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
@@ -382,7 +384,7 @@ def _search(
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-    return z, best.q, first_cost - cost
+    return z, best.q, first_cost, cost
 
 
 def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:

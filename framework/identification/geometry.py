@@ -187,10 +187,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         joints=chosen,
         lengths=lengths,
         names=numbers
-        or (
-            *(f"{name}.{axis}" for name in chosen for axis in AXES),
-            *(f"{name}.length" for name in lengths),
-        ),
+        or (*(f"{name}.{axis}" for name in chosen for axis in AXES), *(f"{name}.length" for name in lengths)),
         numbers=numbers,
         turning=np.array([axis.startswith("r") for axis in AXES] * len(chosen) + [False] * len(lengths)),
     )
@@ -225,11 +222,7 @@ def _dimensions_with(
 def _dependent_dimensions(
     description: RobotDescription, numbers: Names, joints: Sequence[str], lengths: Sequence[str]
 ) -> list[str]:
-    """Return the joints and closures whose dimensions depend on parameters of the robot file.
-
-    Raises:
-        InvalidInput: a parameter changes no dimension, or something that is none, such as a gear ratio.
-    """
+    """Return the joints and closures whose dimensions depend on parameters of the robot file."""
     depend: set[str] = set()
     for name, step in zip(numbers, _steps(description, numbers), strict=True):
         values = _dimensions_with(description, tuple(joints), tuple(lengths), {name: step})
@@ -411,14 +404,6 @@ def sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
     return slopes
 
 
-class MeasuredOffsets(NamedTuple):
-    """Values of the model minus measured values [rad, m], and their derivatives."""
-
-    offset: Array  # (T, m)
-    slope: Array  # (T, m, nv) derivatives along all joints, those of the parameters included
-    by_fixtures: Array  # (T, m, 3 fixtures) derivatives along the parameters of the fixtures
-
-
 def place_fixtures(geometry: Geometry, measured: Measurements, q: Array) -> Geometry:
     """Return the geometry with the fixtures of the measurements at poses q (T, nq)."""
     columns = tuple(name for name in measured.names if name.startswith((DISTANCE, TOUCH)))
@@ -431,7 +416,7 @@ def place_fixtures(geometry: Geometry, measured: Measurements, q: Array) -> Geom
 
 def measurement_offsets(
     geometry: Geometry, model: ParallelRobot, measured: Measurements, frames: FrameStack, values: Array
-) -> MeasuredOffsets:
+) -> tuple[Array, Array, Array]:
     """Compute offsets of the model from measurements at T instants, and slopes along joints and parameters.
 
     The m offsets of an instant are in the order of `Measurements`.
@@ -440,6 +425,10 @@ def measurement_offsets(
         model: of the geometry, with the lengths of its closures.
         frames: those of T poses.
         values: (p,) parameters.
+
+    Returns:
+        Values of the model minus measured values (T, m) [rad, m]; their derivatives (T, m, nv) along all
+        joints, those of the parameters included; those (T, m, 3 fixtures) along parameters of the fixtures.
     """
     joints = measured.columns
     axes = measured.axes
@@ -469,7 +458,7 @@ def measurement_offsets(
         )
         offset.append(off[:, None])
         slope.append(by_point[:, None] @ frames.frame_jacobian()[:, :3])
-    return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1), by_fixtures)
+    return np.concatenate(offset, axis=1), np.concatenate(slope, axis=1), by_fixtures
 
 
 class ParameterEquations(NamedTuple):
@@ -503,18 +492,16 @@ def eliminate_poses(
     loops = _solve_linear_loops(geometry, model, frames)
 
     # the offsets over their noise, and their slopes along joints and parameters
-    measurements = measurement_offsets(geometry, model, measured, frames, values)
-    slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv)
+    offsets, slopes, by_fixtures = measurement_offsets(geometry, model, measured, frames, values)
+    slopes = slopes / measured.noise[:, None]  # (T, m, nv)
     by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
-    r = measurements.offset / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
+    r = offsets / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
     # a parameter acts directly, and through the joints that move to keep the loops closed
     A = by_joints @ loops.joint_slopes  # (T, m, g)
     A[:, :, : len(model.elastic)] += slopes[:, :, model.elastic]
     to_dimensions = geometry.slopes(values)  # (g, p)
     A = A @ to_dimensions  # (T, m, p)
-    A[:, :, len(geometry.names) - measurements.by_fixtures.shape[2] :] += (
-        measurements.by_fixtures / measured.noise[:, None]
-    )
+    A[:, :, len(geometry.names) - by_fixtures.shape[2] :] += by_fixtures / measured.noise[:, None]
     B = by_joints @ loops.free_motions  # (T, m, f)
 
     # eliminate z

@@ -17,7 +17,7 @@ import numpy as np
 from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
-from framework.numerics.fields import MAX_ROWS, not_negative, positive
+from framework.numerics.fields import LARGEST_NUMBER, MAX_ROWS, not_negative, positive
 from framework.numerics.input import csv_rows, read_text
 from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE
@@ -116,7 +116,7 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
     if not set(header) & set(valid):
         raise InvalidInput(
             f"{file}: the first line has no column of {robot.name}: "
-            f"{choose_from('column', ', '.join(header[:4]) or 'an empty line', valid)}"
+            f"{choose_from('column', ', '.join(header[:4]), valid)}"
         )
     repeated = sorted({name for name in header if header.count(name) > 1})
     if repeated:
@@ -143,14 +143,15 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
         InvalidInput: another number of cells than of names in `header`; a cell that is no finite number.
     """
     if len(cells) != len(header):
-        raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
+        hint = "; decimals need points, not commas" if len(cells) == 2 * len(header) else ""
+        raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns{hint}")
     numbers = []
     for k in columns:
         try:
             number = float(cells[k])
         except ValueError:
             number = np.nan  # refused like any other that is not finite
-        if not np.isfinite(number):
+        if not abs(number) <= LARGEST_NUMBER:
             raise InvalidInput(f"{where}: {header[k]} needs a finite number, got {short(cells[k])}")
         numbers.append(number)
     return numbers

@@ -76,7 +76,17 @@ def close_reference(mechanism: Mechanism) -> Closing:
     if closing.gap > CLOSED_LOOP and len(stated):
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.gap > CLOSED_LOOP:
-        raise _open_loops_error(mechanism, closing)
+        rows = mechanism.rows
+        row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
+        residual = abs(float(residual_at(mechanism, closing.q)[row]))
+        unit = "rad" if rows.rotation[row] else "m"
+        raise _not_assembled_error(
+            mechanism,
+            f"the loops do not close near the reference: {rows.names[row]} stays {residual:.3g} {unit} apart "
+            f"after {closing.iterations} iterations; check the link lengths and give a reference nearer to "
+            f"an assembled configuration",
+            closing._replace(residual=residual),
+        )
     closure = find_flipped_closure(mechanism, frames_at(mechanism, closing.q[None]))
     if closure is not None:
         raise _not_assembled_error(
@@ -157,24 +167,6 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]  # [rad, robot lengths]
     shortening = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
     return step * shortening * mechanism.column_scale[free]  # robot lengths become metres
-
-
-def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """Return the error for loops that stay open in `closing`.
-
-    The message names the equation with the largest residual.
-    """
-    rows = mechanism.rows
-    row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
-    residual = abs(float(residual_at(mechanism, closing.q)[row]))
-    unit = "rad" if rows.rotation[row] else "m"
-    return _not_assembled_error(
-        mechanism,
-        f"the loops do not close near the reference: {rows.names[row]} stays {residual:.3g} {unit} apart "
-        f"after {closing.iterations} iterations; check the link lengths and give a reference nearer to an "
-        f"assembled configuration",
-        closing._replace(residual=residual),
-    )
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:

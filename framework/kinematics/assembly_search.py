@@ -44,12 +44,7 @@ UNSTATED_WEIGHT = 0.05  # of the offset of a joint that the reference does not s
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
 NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
-CLOSING: dict[str, Any] = {
-    "max_nfev": 60,
-    "xtol": 1e-12,
-    "ftol": 1e-12,
-    "gtol": 1e-12,
-}
+CLOSING: dict[str, Any] = {"max_nfev": 60, "xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
 
 
 class ClosedPose(NamedTuple):
@@ -301,18 +296,15 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _find_nearest_offsets(group: _Group) -> Array:
-    """Find the smallest offsets (k,) that close a group's loops, from several starts.
-
-    Raises:
-        NotAssembled: no start leads to a closed pose.
-    """
+    """Find the smallest offsets (k,) that close a group's loops, from several starts."""
     enough_poses = 8  # number of closed poses after which the search ends
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
-    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits: half a turn, a length of the robot
-    low = np.where(limited, group.lower, -half_range)
-    high = np.where(limited, group.upper, half_range)
-    reference = np.clip(0.0, low, high)
+    reference = np.clip(0.0, group.lower, group.upper)
+    # half a turn, or a length of the robot; within limits up to two turns, or ten lengths
+    half_range = np.where(turning, np.where(limited, 4.0, 1.0) * np.pi, np.where(limited, 10.0, 1.0))
+    low = np.maximum(group.lower, reference - half_range)
+    high = np.minimum(group.upper, reference + half_range)
 
     # with some joints stated and some not, every other start has the stated ones where the file has them
     stated = group.weights == group.weights.max(initial=0.0)
@@ -328,7 +320,9 @@ def _find_nearest_offsets(group: _Group) -> Array:
         if gap < least_gap:
             best_u, least_gap = u, gap
         if gap < LOOP_GAP:
-            poses.append(np.where(turning & ~limited, wrap_angles(u), u))
+            wrapped = wrap_angles(u)
+            within = (group.lower <= wrapped) & (wrapped <= group.upper)
+            poses.append(np.where(turning & within, wrapped, u))
             if (k == 0 and group.target is None) or len(poses) == enough_poses:
                 break
     if not poses:

@@ -249,17 +249,14 @@ def pivot_rows(matrix: Array) -> IntArray:
     return order
 
 
-def _row_sizes(
-    loops: Array,
-    *,
-    # rows are scaled to unit size if the largest entry is below this or above its inverse
-    odd_size: float = 0.02,
-) -> Array:
+def _row_sizes(loops: Array) -> Array:
     """Return divisors (m,) that bring rows of `loops` (m, columns) to unit size.
 
     The divisor is the largest |entry| of the row, or 1 if this is between 0.02 and 50. Multiplying an
     equation by a factor, as a change of unit does, must not make it look singular.
     """
+    # rows are scaled to unit size if the largest entry is below this or above its inverse
+    odd_size = 0.02
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     is_odd = (sizes < odd_size) | (sizes > 1 / odd_size)
     return np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)

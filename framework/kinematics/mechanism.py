@@ -6,7 +6,6 @@ start from a mechanism. A column is an index into pinocchio's velocity vector (n
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -40,6 +39,18 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Nam
 MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
 
+@dataclass(frozen=True, eq=False)
+class LineSprings(ReadOnlyArrays):
+    """The K springs and dampers between points; numbers are (K,), or (T, K) of robots that differ in them."""
+
+    names: Names
+    first: IntArray  # (K,) frames at which the springs begin, indices into `Mechanism.frames`
+    second: IntArray  # (K,) frames at which they end
+    stiffness: Array  # [N/m]
+    rest: Array  # [m] length at which a spring exerts no force
+    damping: Array  # [N s/m]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
@@ -57,7 +68,9 @@ class Mechanism(ReadOnlyArrays):
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
     elastic_names: Names  # (n_e,) of the springs' own joints
-    frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
+    # pinocchio's indices of the platform's frame, then of the frames of loops and of springs between points
+    frames: tuple[int, ...]
+    line_springs: LineSprings  # between two points
     rows: LoopRows  # all loop equations, redundant ones included
     rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: they are only measured
     directions: LockedDirections  # pairs of axes that are all parallel only if no closure is flipped
@@ -241,9 +254,14 @@ class Mechanism(ReadOnlyArrays):
 
     @property
     def spring_names(self) -> Names:
-        """Names of all springs: virtual joints first, then joints of the URDF."""
+        """Names of all springs: virtual joints, then joints of the URDF, then springs between points."""
         sprung = np.flatnonzero(self.joint_stiffness)
-        return (*self.elastic_names, *map(self.coordinates.name_of, sprung))
+        return (*self.elastic_names, *map(self.coordinates.name_of, sprung), *self.line_springs.names)
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether there is any spring: a virtual joint, on a joint of the URDF, or between two points."""
+        return bool(self.n_e or self.joint_stiffness.any() or self.line_springs.stiffness.any())
 
     def friction_sizes(self, columns: IntArray) -> str:
         """Describe the dry friction of columns, such as `knee 0.1 N m`; empty without friction."""
@@ -255,8 +273,8 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def is_damped(self) -> bool:
-        """Whether viscous damping acts on joints of the URDF."""
-        return bool(self.joint_damping.any())
+        """Whether viscous damping acts on joints of the URDF, or between two points."""
+        return bool(self.joint_damping.any() or self.line_springs.damping.any())
 
     @cached_property
     def sliding(self) -> BoolArray:
@@ -335,7 +353,10 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
 
     loop_ends = chain.from_iterable(closure.frames for closure in description.closures)
-    frame_names = list(dict.fromkeys([description.platform.frame, *loop_ends]))  # without repetitions
+    between = description.line_springs
+    spring_ends = chain.from_iterable(spring.between for spring in between)
+    # without repetitions
+    frame_names = list(dict.fromkeys([description.platform.frame, *loop_ends, *spring_ends]))
     frames = tuple(frame_index(model, name) for name in frame_names)
     rows = loop_rows(
         description.closures,
@@ -354,6 +375,14 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         joint_friction=joint_parameter("friction"),
         elastic_names=elastic_names,
         frames=frames,
+        line_springs=LineSprings(
+            names=tuple(spring.label for spring in between),
+            first=np.array([frame_names.index(spring.between[0]) for spring in between], dtype=np.intp),
+            second=np.array([frame_names.index(spring.between[1]) for spring in between], dtype=np.intp),
+            stiffness=np.array([spring.stiffness for spring in between]),
+            rest=np.array([spring.rest for spring in between]),
+            damping=np.array([spring.damping for spring in between]),
+        ),
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),  # none yet
         directions=locked_directions(description.closures, frame_names),
@@ -364,17 +393,22 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
-    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`.
-
-    Raises:
-        RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
-    """
+    """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`."""
     file = parsed.description.file
     urdf = copy_without_shapes(parsed.urdf)  # changed in place below
     make_continuous_joints_revolute(urdf)
     insert_springs(urdf, springs)
     try:
-        as_declared = _anisotropic_balls(parsed.urdf, parsed.description)
+        # balls keep the axes of the file if parameters differ between axes, or if springs rest off zero
+        as_declared = []
+        for joint in parsed.urdf.findall("joint"):
+            name, kind = joint.get("name", ""), joint.get("type", "")
+            if kind not in COORDINATE_SUFFIXES:
+                continue
+            turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
+            parameters = {parsed.description.joints.get(turn, JointDynamics()) for turn in turns}
+            if len(parameters) > 1 or any(axis.rest for axis in parameters):
+                as_declared.append(name)
         model = tree_model(urdf, as_declared, parsed.joint_order)
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
@@ -384,23 +418,6 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
             f"are taken (pinocchio's working memory grows with their third power)"
         )
     return model
-
-
-def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero.
-
-    The parameters are stated on the axes of the file, so these axes must not be turned.
-    """
-    balls = []
-    for joint in urdf.findall("joint"):
-        name, kind = joint.get("name", ""), joint.get("type", "")
-        if kind not in COORDINATE_SUFFIXES:
-            continue
-        turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
-        parameters = {description.joints.get(turn, JointDynamics()) for turn in turns}
-        if len(parameters) > 1 or any(axis.rest for axis in parameters):
-            balls.append(name)
-    return balls
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
@@ -427,9 +444,9 @@ def frame_index(model: pin.Model, name: str) -> int:
 
     In URDF a link and a joint may share a name.
     """
-    link = pin.FrameType.BODY
-    is_link = model.existFrame(name, link)
-    return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
+    kinds = (pin.FrameType.BODY, pin.FrameType.JOINT)
+    kind = next((kind for kind in kinds if model.existFrame(name, kind)), None)
+    return int(model.getFrameId(name) if kind is None else model.getFrameId(name, kind))
 
 
 def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:
@@ -476,8 +493,8 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     """Compute the size [m] of the mechanism at q (nq,); 1 if this is zero.
 
     The size makes metres comparable with radians. It is the largest distance between joints, moving frames
-    and frames of the loops, so it does not depend on where the robot stands. A radius of gyration of a body
-    about its joint counts, too, in case all frames coincide, as in a spherical robot.
+    and frames of loops and springs, so it does not depend on where the robot stands. A radius of gyration of
+    a body about its joint counts, too, in case all frames coincide, as in a spherical robot.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

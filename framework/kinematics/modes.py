@@ -25,11 +25,11 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, moving_loops, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, moving_loops, type1_matrix
 from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, join, select
-from framework.numerics.ordered_sums import are_regular, singular_values
+from framework.numerics.ordered_sums import are_regular, matvec, singular_values
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
 
@@ -71,10 +71,10 @@ def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
 
 
 class ModeStates(NamedTuple):
-    """Quantities of T configurations that tell whether two of them share a working mode."""
+    """Quantities of T configurations that lead to neighbours and tell whether these share a working mode."""
 
+    q: Array  # (T, nq)
     bases: Array  # (T, R, m) of the ranges of the loops' rows, to which signs refer; (T, 0, 0) if R = m
-    loops: Array  # (T, m, k) dimensionless Jacobian of the loops along the k moving joints
     signs: Array  # (T, legs) of the legs' determinants; 0 if dF/dq is singular to the last bit
     logarithms: Array  # (T, legs) of the sizes of these determinants
     rates: Array  # G (T, k, n): dimensionless rates of the moving joints for unit twists; 0 if singular
@@ -89,7 +89,17 @@ class ModeStates(NamedTuple):
         rates = np.zeros((len(signs), len(robot.moving), robot.n))
         solution = linearised.select(regular).factors.solve(unit_twists)  # (n, regular, k)
         rates[regular] = (solution / robot.column_scale[robot.moving]).transpose(1, 2, 0)
-        return ModeStates(linearised.bases, moving_loops(robot, linearised), signs, logarithms, rates)
+        return ModeStates(linearised.frames.q, linearised.bases, signs, logarithms, rates)
+
+    def joint_rates(self, robot: ParallelRobot, twists: Array) -> Array:
+        """Compute joint rates (T, nv) at twists (T, n) of the platform, springs and idle turns at rest."""
+        rates = np.zeros((len(twists), robot.nv))
+        rates[:, robot.moving] = matvec(self.rates, twists) * robot.column_scale[robot.moving]
+        return rates
+
+    def loops(self, robot: ParallelRobot, k: int) -> Array:
+        """Compute the dimensionless Jacobian (m, moving) of the loops at the k-th configuration."""
+        return moving_loops(robot, linearised_at(robot, self.q[[k]], bases=self.bases[[k]]))[0]
 
 
 def keeps_working_mode(robot: ParallelRobot, *stacks: LinearisedLoops) -> BoolArray:
@@ -100,7 +110,8 @@ def keeps_working_mode(robot: ParallelRobot, *stacks: LinearisedLoops) -> BoolAr
     """
     chain = join([ModeStates.of(robot, stack) for stack in stacks])
     starts, followers = select(chain, slice(None, -1)), select(chain, slice(1, None))
-    return are_regular(followers.loops, RANK_LOST) & share_working_mode(robot, starts, followers)
+    loops = np.concatenate([moving_loops(robot, stack) for stack in stacks])  # (1 + T, m, moving)
+    return are_regular(loops[1:], RANK_LOST) & share_working_mode(robot, starts, followers)
 
 
 def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeStates) -> BoolArray:
@@ -117,8 +128,9 @@ def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeState
     keeps = keeps_sign((starts.signs, starts.logarithms), (end_signs, ends.logarithms)).all(axis=1)
     for k in (shared & ~keeps).nonzero()[0].tolist():
         # singular values change by no more than the matrix does (Weyl), so a larger one has not vanished
-        change = np.linalg.norm(ends.loops[k] - starts.loops[k])
-        least = singular_values(ends.loops[k]).min(initial=np.inf)
+        loops = ends.loops(robot, k)
+        change = np.linalg.norm(loops - starts.loops(robot, k))
+        least = singular_values(loops).min(initial=np.inf)
         shared[k] = RANK_LOST <= least <= change and all(
             _continues_map(leg.select_map(starts.rates[k]), leg.select_map(ends.rates[k]))
             for leg in legs(robot)
@@ -134,9 +146,15 @@ def _continues_map(start: Array, end: Array) -> BoolArray:
     count.
     """
     Q, R = np.linalg.qr(start)
-    values = np.linalg.eigvals(np.linalg.solve(R, Q.swapaxes(-1, -2) @ end))  # (..., f)
-    is_positive = values.real > -np.abs(values.imag)
-    return np.asarray((is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST)).all(axis=-1))
+    ratio = np.linalg.solve(R, Q.swapaxes(-1, -2) @ end)  # (..., f, f) G_1^+ G_2
+    # eigenvalues are no farther from 1 than the matrix from I in its Frobenius norm, mostly near enough
+    continues = np.asarray(((ratio - np.eye(ratio.shape[-1])) ** 2).sum(axis=(-2, -1)) < 0.25)
+    others = ~continues
+    if others.any():
+        values = np.linalg.eigvals(ratio[others])  # (others, f)
+        is_positive = values.real > -np.abs(values.imag)
+        continues[others] = (is_positive & (np.abs(values) < 1.0 / DETERMINANT_LOST)).all(axis=-1)
+    return continues
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,31 +239,26 @@ def _match_rows(pattern: BoolArray) -> IntArray | None:
 def leg_slogdets(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute sign and logarithm of the size of each leg's determinant of dF/dq, (2, T, legs)."""
     slogdets = np.empty((2, len(linearised.residual), len(legs(robot))))
-    for group in _legs_by_size(robot):
-        blocks = linearised.jacobian[:, group.rows[:, :, None], group.columns[:, None]]  # (T, g, k, k)
-        slogdets[0][:, group.legs], slogdets[1][:, group.legs] = np.linalg.slogdet(blocks)
+    for group, rows, columns in _legs_by_size(robot):
+        blocks = linearised.jacobian[:, rows[:, :, None], columns[:, None]]  # (T, g, k, k)
+        slogdets[0][:, group], slogdets[1][:, group] = np.linalg.slogdet(blocks)
     return slogdets
 
 
-class _LegGroup(NamedTuple):
-    """The g legs with k equations each."""
-
-    legs: IntArray  # (g,) indices of the legs
-    rows: IntArray  # (g, k) indices of their equations in F
-    columns: IntArray  # (g, k) of their joints in the velocity vector
-
-
 @lru_cache(maxsize=16)
-def _legs_by_size(robot: ParallelRobot) -> list[_LegGroup]:
-    """Return the legs in groups of one number of equations."""
+def _legs_by_size(robot: ParallelRobot) -> list[tuple[IntArray, IntArray, IntArray]]:
+    """Return the legs in groups of g legs with k equations each.
+
+    A group has the indices (g,) of its legs, those (g, k) of their equations in F, and the columns (g, k) of
+    their joints in the velocity vector.
+    """
     sizes = np.array([len(leg.rows) for leg in legs(robot)])
     groups = []
     for size in np.unique(sizes):
         (group,) = (sizes == size).nonzero()
-        rows, columns = (
-            np.array([getattr(legs(robot)[k], name) for k in group]) for name in ("rows", "columns")
-        )
-        groups.append(_LegGroup(group, rows, robot.moving[columns]))
+        rows = np.array([legs(robot)[k].rows for k in group])
+        columns = np.array([legs(robot)[k].columns for k in group])
+        groups.append((group, rows, robot.moving[columns]))
     return groups
 
 

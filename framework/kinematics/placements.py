@@ -100,9 +100,7 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
-        joint=int(robot.model.parents[joint]),
-        place=placement.translation,
-        axis=placement.rotation @ axis,
+        joint=int(robot.model.parents[joint]), place=placement.translation, axis=placement.rotation @ axis
     )
 
 

@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
-from framework.model.urdf_elements import COORDINATE_SUFFIXES
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, ENDLESS
 from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
@@ -91,8 +91,9 @@ def _rebuild(
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
-                parent = _add_slides(model, parent, placement, name)
-                placement = pin.SE3.Identity()
+                for suffix, slide in _SLIDES:  # one carries the other, the last one the ball
+                    parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
+                    placement = pin.SE3.Identity()
             if name not in as_declared:  # turn the third axis of the ball towards the centre of mass
                 to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
                 placement = placement * to_centre
@@ -106,18 +107,6 @@ def _rebuild(
         # False: the frame adds no inertia, which the joints have already
         model.addFrame(pin.Frame(frame.name, new_index[j], frame.parentFrame, pose, frame.type), False)
     return model
-
-
-def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add the slides of a floating joint `name` to its parent, at a `placement` on the parent.
-
-    Returns:
-        The index of the last slide.
-    """
-    for suffix, slide in _SLIDES:
-        parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
-        placement = pin.SE3.Identity()
-    return parent
 
 
 def _centre_direction(model: pin.Model, j: int) -> Array:
@@ -238,14 +227,17 @@ class JointLimit(NamedTuple):
 
 
 def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
-    """Return the limits of all limited joints, in the order of the URDF; equal limits are none."""
+    """Return the limits of all limited joints, in the order of the URDF.
+
+    Equal limits are none, nor are two of the size `ENDLESS`.
+    """
     limits = []
     for joint in urdf.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
         if limit is None or kind not in ("revolute", "prismatic"):
             continue
         lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
-        if lower == upper:
+        if lower == upper or (lower <= -ENDLESS and upper >= ENDLESS):
             continue
         name = joint.get("name", "")
         unit = "m" if kind == "prismatic" else "rad"

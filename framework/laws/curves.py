@@ -205,13 +205,7 @@ class Polyline(PointPath):
         blend_ends = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
         # rounding to 14 digits makes the ends of two blends that meet equal, and `unique` merges them
         knots = np.unique(np.round(blend_ends, 14))
-        self._store(
-            points=points,
-            blend=blend,
-            knots=knots,
-            _arc_lengths=arc_lengths,
-            _directions=directions,
-        )
+        self._store(points=points, blend=blend, knots=knots, _arc_lengths=arc_lengths, _directions=directions)
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or its derivative of an `order` in s, (T, n).

@@ -431,9 +431,6 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
     """Return the linear equations of k conditions: rows (k, k), their inverse, row sizes (k,).
 
     A condition (x, order) sets a derivative of s at the normalised time x.
-
-    Raises:
-        InvalidInput: the rows are linearly dependent.
     """
     x, orders = zip(*conditions, strict=True)
     rows, row_sizes = _scaled_rows(np.array(x), orders)
@@ -470,15 +467,14 @@ def _interior_values(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _matrices_for_search(
-    degree: int, zeros: tuple[int, int], *, search_samples: int = 16
-) -> tuple[Array, Array]:
+def _matrices_for_search(degree: int, zeros: tuple[int, int]) -> tuple[Array, Array]:
     """Return the matrices from coefficients (degree + 1,) of a law s to coefficients of p, and to samples.
 
     The law has ds/dx = (1 + x)^a (1 - x)^b p(x) with the `zeros` (a, b), where x in [-1, 1] is the normalised
     time and p a Chebyshev series with c coefficients. The samples are N of p, then N of d2s/dx2, at
     N = `search_samples` c nodes x.
     """
+    search_samples = 16
     to_p = _divide_out_ends(degree, zeros)  # (c, degree + 1)
     T_values = chebyshev.chebvander(nodes(search_samples * len(to_p)), degree)  # (N, degree + 1)
     p_samples = T_values[:, : len(to_p)] @ to_p

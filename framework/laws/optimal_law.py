@@ -136,7 +136,14 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         super().__post_init__()
         for name in ("dense_at", "cells"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        _check_cells(self)
+        cells = self.cells
+        count = len(self.coefficients)
+        if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
+            raise InvalidInput("law: cells must ascend from -1 to 1")
+        spline_count = len(cells) - 1 + SPLINE_DEGREE
+        # on a single cell z is one series, with any number of coefficients
+        if not count or (len(cells) > 2 and count != spline_count):
+            raise InvalidInput(f"law: {len(cells) - 1} cells need {spline_count} coefficients, got {count}")
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
         _time_in_panel, instants = self._time
@@ -313,18 +320,6 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
         if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
     return read_only(start + half_width * (x + 1.0))
-
-
-def _check_cells(law: OptimalLaw) -> None:
-    """Raise InvalidInput unless cells and coefficients of a law fit each other."""
-    cells = law.cells
-    count = len(law.coefficients)
-    if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
-        raise InvalidInput("law: cells must ascend from -1 to 1")
-    spline_count = len(cells) - 1 + SPLINE_DEGREE
-    # on a single cell z is one series, with any number of coefficients
-    if not count or (len(cells) > 2 and count != spline_count):
-        raise InvalidInput(f"law: {len(cells) - 1} cells need {spline_count} coefficients, got {count}")
 
 
 def count_reversals(speed: Array) -> int:

@@ -8,7 +8,7 @@ side of each knot. A path does not depend on a robot.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -197,7 +197,18 @@ def check_path(path: Path) -> None:
     starts, lengths = _test_intervals(path)
     for order in (1, 2):
         _check_derivative(path, order, starts, lengths)
-        _check_continuous(path, order)
+        # A derivative jumps if its largest change between points of a grid is not at least halved by a finer
+        # grid in that interval.
+        grid = np.linspace(0.0, 1.0, GRID_INTERVALS + 1)[1:-1]
+        start, end, coarse_change, _ = _find_largest_change(path, order, grid)
+        fine_grid = np.linspace(start, end, GRID_INTERVALS)
+        jump, _, fine_change, largest = _find_largest_change(path, order, fine_grid)
+        if fine_change > max(0.5 * coarse_change, PATH_JUMP * largest):
+            fault = "have no bound" if order == 1 else "have to jump"
+            raise InvalidInput(
+                f"path: path(s, {order}) jumps at s = {jump:.6g} by {fine_change:.3g}, where the torque "
+                f"would {fault}: round it, as a Polyline does its corners"
+            )
 
 
 def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
@@ -230,32 +241,7 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
         )
 
 
-def _check_continuous(path: Path, order: int) -> None:
-    """Refuse a path whose derivative of this order, 1 or 2, jumps.
-
-    The largest change between neighbouring points of a grid is compared with the largest change on a finer
-    grid in that interval. A derivative jumps if the finer grid does not at least halve the change.
-    """
-    coarse = _find_largest_change(path, order, np.linspace(0.0, 1.0, GRID_INTERVALS + 1)[1:-1])
-    fine = _find_largest_change(path, order, np.linspace(coarse.start, coarse.end, GRID_INTERVALS))
-    if fine.change > max(0.5 * coarse.change, PATH_JUMP * fine.largest_value):
-        fault = "have no bound" if order == 1 else "have to jump"
-        raise InvalidInput(
-            f"path: path(s, {order}) jumps at s = {fine.start:.6g} by {fine.change:.3g}, where the torque "
-            f"would {fault}: round it, as a Polyline does its corners"
-        )
-
-
-class _LargestChange(NamedTuple):
-    """The interval of a grid on which a derivative of a path changes most."""
-
-    start: float  # s
-    end: float  # s
-    change: float  # of the derivative on the interval
-    largest_value: float  # absolute, of the derivative at all points of the grid
-
-
-def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
+def _find_largest_change(path: Path, order: int, s: Array) -> tuple[float, float, float, float]:
     """Find the interval between neighbouring points s (T,) on which a derivative of a path changes most.
 
     Args:
@@ -267,14 +253,15 @@ def _find_largest_change(path: Path, order: int, s: Array) -> _LargestChange:
     values = _evaluate_path(path, s, order)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (T - 1,)
     k = changes.argmax()
-    return _LargestChange(s[k], s[k + 1], changes[k], np.abs(values).max())
+    return s[k], s[k + 1], changes[k], np.abs(values).max()
 
 
-def _test_intervals(path: Path, *, difference_intervals: int = 9) -> tuple[Array, Array]:
+def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
     Each panel, between two knots or ends of the path, has `difference_intervals` at equal distances.
     """
+    difference_intervals = 9
     knots = real_numbers("path: knots", path.knots)
     edges = np.concatenate(([0.0], knots, [1.0]))
     widths = np.diff(edges) / difference_intervals  # (panels,)

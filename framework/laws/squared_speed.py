@@ -14,6 +14,7 @@ Source: de Boor, A Practical Guide to Splines, Springer 2001, chapters IX and X.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -248,12 +249,33 @@ def slowness_on_panels(
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
-class LinearDuration(NamedTuple):
-    """The duration of a squared speed, its derivatives, and the panels of both integrals."""
+class Instants(NamedTuple):
+    """The instants times (m,) [s] at which a law is to pass sigma (m,), ascending in (0, 1].
 
-    duration: float  # [s]
-    slopes: Array  # (size,) by the coefficients
+    The instant of sigma = 1 is the duration.
+    """
+
+    sigma: Array
+    times: Array
+
+    @staticmethod
+    def of(sigma: Sequence[float], times: Sequence[float], duration: float | None) -> Instants:
+        """Return the instants of sigma (k,) inside the path, and the duration if it is required."""
+        end = [] if duration is None else [(1.0, duration)]
+        pairs = np.reshape([*zip(sigma, times, strict=True), *end], (-1, 2))
+        return Instants(pairs[:, 0], pairs[:, 1])
+
+
+class LinearInstants(NamedTuple):
+    """The instants of a squared speed, their derivatives, and the panels of the integrals."""
+
+    times: Array  # (m,) [s]
+    slopes: Array  # (m, size) by the coefficients
     edges: Array  # (p + 1,) of the panels in sigma
+
+
+NO_INSTANTS = Instants.of((), (), None)
+AT_END = np.ones(1)  # sigma of the instant that is the duration
 
 
 class SpeedSpace(NamedTuple):
@@ -264,7 +286,7 @@ class SpeedSpace(NamedTuple):
 
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
-        return self._linearise_duration(y).duration
+        return float(self._linearise_instants(y, AT_END).times[0])
 
     def blend(
         self,
@@ -285,12 +307,12 @@ class SpeedSpace(NamedTuple):
         share = 0.0
         edges = None  # of the panels of the last blend
         for _ in range(max_steps):
-            linear = self._linearise_duration(y, edges)
+            linear = self._linearise_instants(y, AT_END, edges)
             edges = linear.edges
-            excess = linear.duration - duration
+            excess = float(linear.times[0]) - duration
             if excess <= SAME_PLACE * duration:
                 break
-            share -= excess / float(linear.slopes @ direction)
+            share -= excess / float(linear.slopes[0] @ direction)
             y = slow + share * direction
         return y
 
@@ -298,12 +320,12 @@ class SpeedSpace(NamedTuple):
         self,
         y: Array,
         equalities: Affine,
-        duration: float | None = None,
+        instants: Instants = NO_INSTANTS,
         *,
         relative: bool = False,
         max_steps: int = 12,  # of Newton's method, which starts near the solution
     ) -> Array:
-        """Compute the coefficients (size,) near y that meet equalities and a duration [s].
+        """Compute the coefficients (size,) near y that meet equalities and required instants.
 
         Newton's method solves the equations. Of all steps with A step = -values, the linearised equations, it
         takes the one of least cost step' W step, see `_inverse_weights`. This is the step
@@ -311,25 +333,25 @@ class SpeedSpace(NamedTuple):
 
         Args:
             equalities: affine functions (c,) of the coefficients that must vanish.
-            duration: required duration [s]; None leaves the duration free.
+            instants: the m required instants, of which the last may be the duration.
             relative: whether changes of z are measured relative to the z of `y`, so that z changes little
                 where it is nearly zero. Changes of splines are always relative.
 
         Raises:
-            InvalidInput: a Newton step on the duration leads to a z that is not positive.
+            InvalidInput: a Newton step on the instants leads to a z that is not positive.
         """
         inverse_weights = self._inverse_weights(y, relative)
         matrix = SparseRows.of(equalities.matrix).toarray()
         edges = None  # of the panels of the last step
         for _ in range(max_steps):
-            # the equations with slopes (c, size) and values (c,); the last may be T(y) - duration = 0
+            # the equations with slopes (c + m, size) and values (c + m,); the last are t(sigma) - times = 0
             slopes = matrix
             values = equalities(y)
-            if duration is not None:
-                linear = self._linearise_duration(y, edges)
+            if len(instants.times):
+                linear = self._linearise_instants(y, instants.sigma, edges)
                 edges = linear.edges
                 slopes = np.vstack([slopes, linear.slopes])
-                values = np.append(values, linear.duration - duration)
+                values = np.append(values, linear.times - instants.times)
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
@@ -352,17 +374,23 @@ class SpeedSpace(NamedTuple):
         degree_weight_power: float = 4.0,
         # of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
         min_relative_size: float = 1e-3,
+        reach: float = 0.2,  # in xi
+        alone: float = 1e-4,
     ) -> Array:
         """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
 
-        Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
+        Splines have W^-1 = diag(y) K diag(y), so that coefficients change in proportion to their size, and
+        with K = exp(-(distance / reach)^2) + alone I hardly otherwise than their neighbours. For a single
         polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative` to z,
         step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that grows
         with the degree.
         """
         size = len(y)
         if self.basis.is_spline:
-            return np.diag(np.maximum(np.abs(y), min_relative_size * np.abs(y).mean()) ** 2)
+            size = np.maximum(np.abs(y), min_relative_size * np.abs(y).mean())
+            distance = (self.basis.centres[:, None] - self.basis.centres) / reach
+            kernel = np.exp(-(distance**2)) + alone * np.eye(len(y))
+            return size[:, None] * kernel * size
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -degree_weight_power)
         # (4 size, size) T_k at four samples for each coefficient
@@ -372,21 +400,23 @@ class SpeedSpace(NamedTuple):
         degree_cost = np.diag((np.arange(size) / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
-    def _linearise_duration(self, y: Array, edges: Array | None = None) -> LinearDuration:
-        """Compute T [s] of a positive z with coefficients y (size,), and dT/dy (size,).
+    def _linearise_instants(self, y: Array, at: Array, edges: Array | None = None) -> LinearInstants:
+        """Compute the instants t (m,) [s] of a positive z with coefficients y (size,), and dt/dy (m, size).
 
-        dT/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
-        on the panels that resolve z^(-1/2).
+        dt/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
+        on the panels that resolve z^(-1/2), which are cut where an integral ends.
 
         Args:
+            at: sigma (m,), ascending, at which the integrals end.
             edges: (p + 1,) in sigma of the panels that resolve a similar z.
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch, edges).edges
         points, weights = gauss_legendre(PANEL_NODES)
-        half_widths = 0.5 * np.diff(edges)[:, None]
-        sigma = (edges[:-1, None] + half_widths * (points + 1.0)).ravel()
+        cut = np.union1d(edges, at)
+        half_widths = 0.5 * np.diff(cut)[:, None]
+        sigma = (cut[:-1, None] + half_widths * (points + 1.0)).ravel()
         basis_values = self.basis.matrix(self.stretch(sigma))  # (P, size)
-        sigma_weights = (half_widths * weights).ravel()  # (P,)
+        sigma_weights = (half_widths * weights).ravel() * (sigma <= at[:, None])  # (m, P)
         z = basis_values @ y
-        duration = float(sigma_weights @ z**-0.5)
-        return LinearDuration(duration, -0.5 * ((sigma_weights * z**-1.5) @ basis_values), edges)
+        slopes = [-0.5 * ((before * z**-1.5) @ basis_values) for before in sigma_weights]
+        return LinearInstants(sigma_weights @ z**-0.5, np.array(slopes), edges)

@@ -156,12 +156,7 @@ def beam_stiffness(section: Section, material: Material, length: float) -> dict[
 
 
 def beam_spring(
-    name: str,
-    after: str,
-    section: Section,
-    material: Material,
-    length: float,
-    axes: tuple[str, ...] = AXES,
+    name: str, after: str, section: Section, material: Material, length: float, axes: tuple[str, ...] = AXES
 ) -> Spring:
     """Return the virtual joint in the middle of a link's beam.
 
@@ -185,12 +180,7 @@ def beam_spring(
 
 
 def tip_spring(
-    name: str,
-    after: str,
-    section: Section,
-    material: Material,
-    length: float,
-    axes: tuple[str, ...] = AXES,
+    name: str, after: str, section: Section, material: Material, length: float, axes: tuple[str, ...] = AXES
 ) -> Spring:
     """Deprecated: the spring of a beam at its tip, without cross terms; see `beam_spring`."""
     warn("tip_spring goes in 0.9: see beam_spring", DeprecationWarning, stacklevel=2)
@@ -256,9 +246,6 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
 
     `y` (3,), of any length, directs the section; only its part across the beam counts. Without it the axes
     are those of the least rotation from x to `along`.
-
-    Raises:
-        InvalidInput: see `split_beam`.
     """
     if y is None:
         # 1 + along_x is about angle^2 / 2 at a small angle from -x

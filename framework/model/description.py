@@ -158,6 +158,22 @@ class Spring:
         return tuple(f"{self.name}_{axis}" for axis in self.motion)
 
 
+@dataclass(frozen=True)
+class LineSpring:
+    """A spring and damper between the origins of two frames, along their line, in every flexibility."""
+
+    between: tuple[str, str]  # two frames
+    stiffness: float = 0.0  # [N/m]
+    rest: float = 0.0  # [m] length at which the spring exerts no force
+    damping: float = 0.0  # [N s/m]
+    name: str = ""
+
+    @property
+    def label(self) -> str:
+        """The name, by default that of both frames."""
+        return self.name or "-".join(self.between)
+
+
 # ------------------------------------------------------------------ levels of fidelity
 
 
@@ -257,6 +273,15 @@ class Coupling:
     ratio: float = 1.0
     offset: float = 0.0
     terms: tuple[tuple[Product, float], ...] = ()  # further products of joints, without `joint` itself
+
+    def __post_init__(self) -> None:
+        """Refuse coefficients of which powers overflow."""
+        largest = max(map(abs, self.equation.values()))
+        if not largest <= LARGEST_NUMBER:
+            raise RobotFileError(
+                f"coupling {self.name}: coefficients must be at most {LARGEST_NUMBER:g} in size, "
+                f"got {largest:g}"
+            )
 
     @property
     def name(self) -> str:
@@ -465,6 +490,7 @@ class RobotDescription:
     actuators: tuple[Actuator, ...]
     closures: tuple[Closure, ...]
     springs: tuple[Spring, ...] = ()
+    line_springs: tuple[LineSpring, ...] = ()  # entries of `springs` in the file
     joints: Mapping[str, JointDynamics] = field(default_factory=dict)  # by name of the coordinate
     couplings: tuple[Coupling, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)

@@ -72,7 +72,12 @@ def parse_xml(text: str) -> Element:
         raise
     except (ParseError, ValueError) as error:
         try:  # again, without the faults that other parsers accept
-            return _build_tree(_mend_xml(text))
+            # mend two faults that other parsers accept: comments with `--` in them, undeclared prefixes
+            text = erase_matches(_COMMENT, text)
+            prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
+            undeclared = sorted(prefixes.difference(_DECLARED.findall(text)))
+            declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
+            return _build_tree(_TAG.sub(lambda tag: tag[0] + declarations, text, count=1))
         except (ParseError, ValueError):  # also a RobotFileError, which the faults have hidden so far
             template = next((words for mark, words in _TEMPLATES.items() if mark in text), "")
             raise RobotFileError(template or f"not well-formed XML: {error}") from None
@@ -85,18 +90,6 @@ def _build_tree(text: str) -> Element:
     for element in root.iter() if brace else ():
         element.tag = element.tag.removeprefix(namespace + brace)
     return root
-
-
-def _mend_xml(text: str) -> str:
-    """Return an XML text without two faults that other parsers accept.
-
-    Undeclared prefixes are declared in the root element. Comments, which may have `--` in them, are emptied.
-    """
-    text = erase_matches(_COMMENT, text)
-    prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
-    undeclared = sorted(prefixes.difference(_DECLARED.findall(text)))
-    declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
-    return _TAG.sub(lambda tag: tag[0] + declarations, text, count=1)  # into the root element
 
 
 def erase_matches(pattern: re.Pattern[str], text: str) -> str:

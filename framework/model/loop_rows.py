@@ -42,7 +42,7 @@ ROW_KINDS = {
         "d.d",
         coefficients=lambda length: (0.5 / length, 0.5 * length),
         satisfy=lambda offset, length: offset * (length / np.linalg.norm(offset)),
-    ),
+    )
 }
 
 
@@ -210,28 +210,21 @@ def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
         return _RowProduct(kind.product == "d.d", kind.product == "u.w", *kind.axes, *weight_and_constant)
     k = "xyz".index(axis[-1])
     if axis.startswith("r"):
-        return _perpendicular_axes(k, closure)
+        # Let R = 1 + [phi]x be a small rotation of the second frame with axes R x_0, R x_1, R x_2 from the
+        # first with axes x_0, x_1, x_2. With the locked axis k, and k, j, i cyclic, x_j . (R x_i) = -phi_k
+        # and x_i . (R x_j) = +phi_k; the weight -1 or 1 makes the product phi_k. Of these two products, that
+        # one is chosen that stays zero when the closure turns about its free axes by large angles.
+        following, preceding = (k + 1) % 3, (k + 2) % 3
+        free = _free_turns(closure)
+        axes = following, preceding  # of the first frame, of the second frame
+        if free == [following]:  # the second frame carries the free axis
+            axes = preceding, following
+        elif len(free) == 2:  # a universal joint: its first axis on the first frame, its second on the second
+            axes = free[0], free[1]
+        weight = -1.0 if axes == (following, preceding) else 1.0
+        first_axis, second_axis = axes
+        return _RowProduct(rotation=True, first_axis=first_axis, second_axis=second_axis, weight=weight)
     return _RowProduct(first_axis=k)  # u.d = 0
-
-
-def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
-    """Return the product of two axes that locks the rotation about `locked_axis` (0..2) of a closure.
-
-    Let the locked axis be i, with i, j, k cyclic. Let R = 1 + [phi]x be a small rotation of the second frame
-    with axes R x_0, R x_1, R x_2 from the first with axes x_0, x_1, x_2. Then x_j . (R x_k) = -phi_i and
-    x_k . (R x_j) = +phi_i. The weight -1 or 1 makes the product phi_i. Of these two products, one is
-    chosen that stays zero when the closure turns about its free axes by large angles.
-    """
-    following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
-    free = _free_turns(closure)
-    axes = following, preceding  # of the first frame, of the second frame
-    if free == [following]:  # the second frame carries the free axis
-        axes = preceding, following
-    elif len(free) == 2:  # a universal joint: its first axis on the first frame, its second on the second
-        axes = free[0], free[1]
-    weight = -1.0 if axes == (following, preceding) else 1.0
-    first_axis, second_axis = axes
-    return _RowProduct(rotation=True, first_axis=first_axis, second_axis=second_axis, weight=weight)
 
 
 def _free_turns(closure: Closure) -> list[int]:

@@ -12,7 +12,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, Spring, lock_couplings
+from framework.model.description import LineSpring, ParsedRobot, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
@@ -98,6 +98,7 @@ def describe_tree(
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, {**content, "locked": {**locked, **coupled_to_locked}}, parameters)
 
+    robot["line_springs"] = tuple(spring for spring in robot["springs"] if isinstance(spring, LineSpring))
     _merge_joint_springs(robot, locked)
     robot["couplings"] = tuple(remaining)
     _drop_locked_joints(robot, locked)
@@ -124,6 +125,7 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
     for spring in robot["springs"]:
         if isinstance(spring, Spring):
             virtual_springs.append(spring)
+        if isinstance(spring, Spring | LineSpring):
             continue
         joint = spring["joint"]
         if joint in locked:
@@ -201,7 +203,7 @@ def _check_names(description: RobotDescription, urdf: Tree) -> None:
     check_unique("actuators", description.motor_joints)
     check_unique("closures", [closure.name for closure in description.closures])
     check_unique("couplings", [coupling.joint for coupling in description.couplings])
-    check_unique("springs", virtual_joints)
+    check_unique("springs", [*virtual_joints, *(spring.label for spring in description.line_springs)])
     for name in virtual_joints:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")

@@ -17,6 +17,7 @@ from framework.model.description import (
     Closure,
     Coupling,
     JointDynamics,
+    LineSpring,
     RobotDescription,
     Scene,
     kinds_with_length,
@@ -111,7 +112,10 @@ def robot_document(description: RobotDescription) -> Document:
         "closures": [_closure_entry(closure) for closure in description.closures],
     }
     optional = {
-        "springs": [record_entry(spring) for spring in description.springs],
+        "springs": [
+            *map(record_entry, description.springs),
+            *map(_line_spring_entry, description.line_springs),
+        ],
         "couplings": [_coupling_entry(coupling) for coupling in description.couplings],
         "joints": _joint_entries(description),
         "reference": dict(description.reference),
@@ -119,6 +123,11 @@ def robot_document(description: RobotDescription) -> Document:
         "left_out": description.left_out,
     }
     return document | {key: value for key, value in optional.items() if value}
+
+
+def _line_spring_entry(spring: LineSpring) -> Document:
+    """Return the entry of a spring between points; a free length of zero is stated."""
+    return record_entry(spring) | ({"rest": spring.rest} if spring.stiffness else {})
 
 
 def _joint_entries(description: RobotDescription) -> Document:

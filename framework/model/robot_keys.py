@@ -28,6 +28,7 @@ from framework.model.description import (
     FrameWrench,
     JointDynamics,
     KeptLevel,
+    LineSpring,
     Platform,
     Points,
     Product,
@@ -191,10 +192,7 @@ class RobotReader:
             return Platform(**read_table(where, given, on_axes))
         if "axes" in content:
             raise RobotFileError(f"{where}: needs either axes or joints, and not both")
-        of_joints = {
-            "joints": required(distinct("joint", self.urdf.movable)),
-            "frame": optional(self.frame),
-        }
+        of_joints = {"joints": required(distinct("joint", self.urdf.movable)), "frame": optional(self.frame)}
         values = read_table(where, given, of_joints)
         frame = values["frame"] or self.urdf.joints[values["joints"][-1]].child
         return Platform(frame, joints=values["joints"])
@@ -237,7 +235,7 @@ class RobotReader:
             raise RobotFileError(f"{where}: needs two different frames, got {list(frames)}")
         first, second = frames
         if self.urdf.body(first) == self.urdf.body(second):
-            raise RobotFileError(f"{where}: {first!r} and {second!r} are on one rigid body: nothing to close")
+            raise RobotFileError(f"{where}: {first!r} and {second!r} are on one rigid body")
         return first, second
 
     def coupling(self, where: str, given: Any) -> Coupling:
@@ -296,13 +294,14 @@ class RobotReader:
                 values.setdefault(coordinate, {}).update(entry)
         return values
 
-    def spring(self, where: str, given: Any) -> Spring | dict[str, Any]:
-        """Read a spring: a virtual joint, or a spring that acts along a URDF joint.
+    def spring(self, where: str, given: Any) -> Spring | LineSpring | dict[str, Any]:
+        """Read a spring: a virtual joint, between two points, or along a URDF joint.
 
-        The former becomes a Spring. The latter becomes its values (joint, stiffness, rest), since it is part
-        of the joint's dynamics.
+        The last becomes its values (joint, stiffness, rest), since it is part of the joint's dynamics.
         """
-        if "joint" in mapping(where, given):
+        if "between" in mapping(where, given):
+            return self.line_spring(where, given)
+        if "joint" in given:
             on_joint = {
                 "name": optional(text),
                 "joint": required(one_of("joint", self.movable)),
@@ -330,6 +329,25 @@ class RobotReader:
                 f"its own (valid: {', '.join(AXES)} or a list of them)"
             )
         return spring
+
+    def line_spring(self, where: str, given: Any) -> LineSpring:
+        """Read a spring or damper between the origins of two frames."""
+        table = {
+            "name": optional(text, ""),
+            "between": required(self.pair_of_frames),
+            "stiffness": optional(positive, 0.0),
+            "rest": optional(not_negative),
+            "damping": optional(positive, 0.0),
+        }
+        values = read_table(where, given, table)
+        if not (values["stiffness"] or values["damping"]):
+            raise RobotFileError(f"{where}: needs a stiffness [N/m], a damping [N s/m], or both")
+        if (values["rest"] is None) == bool(values["stiffness"]):
+            raise RobotFileError(
+                f"{where}.rest: the length [m] at which the spring exerts no force goes with a stiffness, "
+                f"got stiffness {values['stiffness']:g} and rest {values['rest']}"
+            )
+        return LineSpring(**values | {"rest": values["rest"] or 0.0})
 
     def wrenches(self, where: str, given: Any) -> dict[str, Any]:
         """Read wrenches by frame; return each as written in plan.json.

@@ -41,6 +41,8 @@ COORDINATE_SUFFIXES = {
     "floating": ("_x", "_y", "_z", "_rx", "_ry", "_rz"),
 }
 JOINT_TYPES = ("fixed", *MOVING, *COORDINATE_SUFFIXES)
+ENDLESS = 1e9  # limit [rad, m, N m, N and per s] that no motion reaches
+UNIVERSE = "universe"  # pinocchio's name of what does not move
 MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
@@ -261,6 +263,8 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
     check_name(where, "type", kind, JOINT_TYPES)
+    if name == UNIVERSE and kind in MOVING:
+        raise RobotFileError(f"{where}: pinocchio gives this name to what does not move; rename the joint")
     parent = read_link(element, where, "parent", links)
     child = read_link(element, where, "child", links)
 
@@ -286,11 +290,19 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
 
 def add_endless_limit(joint: Element) -> Element:
     """Add a `<limit>` that no motion reaches; return the element."""
-    return SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
+    upper = f"{ENDLESS:g}"
+    return SubElement(joint, "limit", lower=f"-{upper}", upper=upper, effort=upper, velocity=upper)
+
+
+def parse_limit(where: str, text: str) -> float:
+    """Parse a limit; infinite and huge ones, such as 1.8e308, become `ENDLESS`."""
+    text = text.lower().replace("infinity", "inf").replace("inf", f"{ENDLESS:g}")
+    (number,) = parse_numbers(where, text, 1, largest=math.inf)
+    return math.copysign(min(abs(number), ENDLESS), number)
 
 
 def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
-    """Refuse a joint's <limit> without finite numbers.
+    """Refuse a joint's <limit> without numbers; write `ENDLESS` for larger ones.
 
     With `is_needed`, missing keys, limits in the wrong order and negative efforts or speeds are refused, too.
     """
@@ -302,8 +314,10 @@ def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
             attribute(limit, f"{where}: <limit>", key)
     numbers: list[float] = []
     for key in ("lower", "upper", "effort", "velocity"):
-        # some files write 1.8e308 for no limit
-        numbers += parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)
+        number = parse_limit(f"{where}: <limit> {key}", limit.get(key, "0"))
+        numbers.append(number)
+        if abs(number) == ENDLESS:
+            limit.set(key, f"{number:g}")
     lower, upper, effort, velocity = numbers
     if is_needed and (lower > upper or effort < 0 or velocity < 0):
         raise RobotFileError(

@@ -91,16 +91,7 @@ class Band(ReadOnlyArrays):
         # 2 lower + upper + 1 rows, column by column. The first `lower` rows are space for pivoting.
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(
-            size=size,
-            row=row,
-            column=column,
-            lower=lower,
-            upper=upper,
-            row_order=row_order,
-            column_order=column_order,
-            row_position=row_position,
-            column_position=column_position,
-            index=index,
+            size, row, column, lower, upper, row_order, column_order, row_position, column_position, index
         )
 
     @property

@@ -19,11 +19,7 @@ LARGEST_FILE = 10_000_000  # bytes that are read by default
 
 
 def read_text(
-    file: str | Path,
-    complaint: str,
-    *,
-    error: type[InvalidInput] = InvalidInput,
-    largest: int = LARGEST_FILE,
+    file: str | Path, complaint: str, *, error: type[InvalidInput] = InvalidInput, largest: int = LARGEST_FILE
 ) -> str:
     """Read the text of a regular file of at most `largest` bytes, in UTF-8.
 
@@ -41,9 +37,9 @@ def read_text(
             size = max(len(content), os.fstat(stream.fileno()).st_size)
         if size > largest:
             raise _UnreadableFile(f"{size} bytes; at most {largest} are read")
-        return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
-        reason = "not UTF-8 text"
+        reason = "not UTF-8 text; save it as UTF-8"
     except ValueError:
         reason = "not a file name"
     except OSError as problem:
@@ -55,8 +51,17 @@ def csv_rows(where: str, text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number in which each row of a CSV text ends, and its cells; skip empty lines.
 
     Raises:
-        InvalidInput: the text is no CSV, such as a quote that does not end; `where` names the file.
+        InvalidInput: the text is empty or no CSV, such as a quote that does not end, or its cells are
+            separated by semicolons or tabs; `where` names the file.
     """
+    first = text.lstrip().partition("\n")[0]
+    if not first:
+        raise InvalidInput(f"{where}: is empty")
+    if "," not in first and (";" in first or "\t" in first):
+        raise InvalidInput(
+            f"{where}: line 1: its cells are not separated by commas; save it with commas between cells and "
+            f"points in numbers"
+        )
     reader = csv.reader(io.StringIO(text))
     line = 0
     try:

@@ -80,7 +80,9 @@ def written_together(
         raise OutputError(f"{complaint}: {error.strerror or error}") from None
     finally:
         with defer_signals():
-            _remove_empty(new_folders)
+            for created in new_folders:  # the deepest first
+                if os.path.isdir(created) and not any(created.iterdir()):
+                    created.rmdir()
 
 
 def _check_overwritten(folder: Path, names: list[str], document: str | None, complaint: str) -> None:
@@ -91,9 +93,6 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
         names: of the files.
         document: name of the JSON file that marks the others as files of this program; None overwrites any.
         complaint: beginning of the message.
-
-    Raises:
-        OutputError: one of the files exists and must stay.
     """
     present = [name for name in names if os.path.lexists(folder / name)]
     for name in present:
@@ -233,13 +232,6 @@ def _is_ours(document: Path) -> bool:
     except (InvalidInput, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and "robot" in content
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    """Remove folders that are empty, the deepest first."""
-    for folder in folders:
-        if os.path.isdir(folder) and not any(folder.iterdir()):
-            folder.rmdir()
 
 
 def package_versions() -> dict[str, str]:

@@ -97,7 +97,11 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
 
     # the vertices are among the images of the corners of the box
     points = _remove_repeated(centre + sign_combinations(len(generators)) @ generators)
-    vertices = _select_vertices(points, normals, offsets)
+    # vertices are the points at which the normals of touching half-spaces have rank n
+    rounding = SAME_PLACE * np.abs(offsets).max(initial=0.0)
+    touches = points @ normals.T >= offsets - rounding  # (k, h) whether a point is on a boundary
+    ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]
+    vertices = points[np.array(ranks) == points.shape[1]]
     return Polytope(normals, offsets, vertices, free=np.empty((0, len(centre))))
 
 
@@ -166,14 +170,3 @@ def _remove_repeated(points: Array) -> Array:
     rounded = np.round(points / largest, 9) + 0.0
     _, first_occurrences = np.unique(rounded, axis=0, return_index=True)
     return points[np.sort(first_occurrences)]
-
-
-def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:
-    """Select the points (k, n) at which the normals of touching half-spaces have rank n.
-
-    The half-spaces are normals (h, n) y <= offsets (h,).
-    """
-    rounding = SAME_PLACE * np.abs(offsets).max(initial=0.0)
-    touches = points @ normals.T >= offsets - rounding  # (k, h) whether a point is on a boundary
-    ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]
-    return points[np.array(ranks) == points.shape[1]]

@@ -59,7 +59,8 @@ def restart_plan(
     if "wrenches" not in options and _has_varying_wrenches(plan):
         raise InvalidInput("wrenches: those of the plan depend on its s; state those along the new path")
     start = _law_derivatives_on(robot, path, motion)
-    shared = {"friction": plan.request.friction, "wrenches": plan.request.wrenches, "geometry": plan.geometry}
+    names = ("friction", "wrenches", "torque_sharing")
+    shared = {name: getattr(plan.request, name) for name in names} | {"geometry": plan.geometry}
     restarted = plan_crossing(robot, path, **{**shared, **options}, start_speed=start)
     _check_seam(plan, t, restarted)
     return restarted
@@ -308,8 +309,11 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
         size = np.abs(function(plan, samples, order)).max()
         if jump > SEAM_JUMP * SEAM_JUMP_GROWTH**order * size:
             what = quantity if order == 0 else f"time derivative of order {order} of the {quantity}"
+            shared = specification_of(robot, plan.request).shares_freely and quantity == "torque"
+            hint = "; plan both with torque_sharing least_norm, which depends on the motion alone"
             raise InvalidInput(
                 f"plans: at t = {t:g} s the {what} jumps by {jump:.2g}, its size is {size:.3g}"
+                f"{hint if shared else ''}"
             )
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from framework.dynamics.forces import inertial_forces
+from framework.dynamics.forces import damping_forces, inertial_forces
 from framework.dynamics.path_forces import PathForces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
@@ -184,7 +184,8 @@ def _forces_of_springs(
     motion = motion_at(robot, ClosedStack(pose.frames.q, x, pose), dx, ddx, rates, accelerations)
     at_rest, at_speed = inertial_forces(robot, motion)
     bilinear = at_speed - centrifugal[0] - at_rest
-    return np.array([at_rest + robot.joint_damping * motion.v[0], bilinear])
+    damping = damping_forces(robot, motion.q[:1], motion.v[:1])[0]
+    return np.array([at_rest + damping, bilinear])
 
 
 def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array:

@@ -61,11 +61,7 @@ class MotionTable(NamedTuple):
             }
             for column in self.columns
         ]
-        document = {
-            "@context": "http://www.w3.org/ns/csvw",
-            "url": file,
-            "tableSchema": {"columns": columns},
-        }
+        document = {"@context": "http://www.w3.org/ns/csvw", "url": file, "tableSchema": {"columns": columns}}
         return json.dumps(document, indent=1) + "\n"
 
 

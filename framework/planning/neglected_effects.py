@@ -38,14 +38,7 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoAnswer, NoLaw, NotConverged
 from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import (
-    ExactLaw,
-    Law,
-    MotionLaw,
-    conditions_at_instants,
-    edges_of,
-    law_derivatives,
-)
+from framework.laws.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of, law_derivatives
 from framework.model.description import FLEXIBILITIES
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid

@@ -28,6 +28,7 @@ from framework.model.description import GOALS
 from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
+SHARINGS = ("free", "least_norm")  # of the load by redundant motors
 MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics of the help
 OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # a remedy of refusals
 Check = Callable[[str, Any], Any]  # (option's name, value) -> converted value; raises InvalidInput
@@ -157,7 +158,8 @@ class PlanOptions:
     )
     times: Sequence[float] | None = _option(
         "instants of the crossings [s]",
-        ", ascending, one for each singular point; chosen when None. An empty list asks for a law "
+        ", ascending, one for each singular point; chosen when None. Every law meets them: the polynomial, "
+        "or the optimal law with its goal, without a duration too. An empty list asks for a polynomial "
         "without crossing conditions",
         check=_numbers,
         typed={"type": float, "nargs": "*", "metavar": "t"},
@@ -259,6 +261,17 @@ class PlanOptions:
         typed={"choices": FRICTIONS},
         topic=MODEL,
         default="driven",
+    )
+    torque_sharing: str | None = _option(
+        "how redundant motors share the load: free, within the limits and by the goal, or least_norm "
+        "(default: free when rigid)",
+        '; "free": the optimal law is sought over all distributions of its torques, and any law takes the '
+        "distribution of least norm within the limits, or of least peak if that is the goal; a motion whose "
+        'torques of least norm keep the limits keeps these. Elastic robots have "least_norm" alone: their '
+        "springs deflect with the distribution",
+        check=_one_of(SHARINGS),
+        typed={"choices": SHARINGS},
+        topic=MODEL,
     )
     wrenches: Mapping[str, Any] | None = _option(
         "external wrenches by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",

@@ -141,7 +141,8 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
     A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it if no optimal
     law is found. Otherwise the polynomial is tried first. The optimal law replaces a polynomial that is
-    refused, exceeds the limits, nearly stops, or has its largest torque beside a near miss of the locus.
+    refused, exceeds the limits or, unless times or speeds are given, nearly stops or has its largest torque
+    beside a near miss of the locus.
     """
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
@@ -174,7 +175,7 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             f"{plan.robot.name}: {needs}; torque_limit and speed_limit none (inf in Python) lift those of "
             f"the robot file"
         )
-    if not request.may_be_optimal or request.speeds is not None:
+    if not request.may_be_optimal or request.speeds is not None or request.times is not None:
         return plan
     return _improve_polynomial(to_cross, plan)
 
@@ -421,7 +422,7 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         return None if refusal.proof.stop else {"bend": True}  # a bend keeps the ends of the path
     evidence = getattr(refusal, "evidence", None)
     if not isinstance(evidence, SearchEvidence):
-        return None
+        return OPTIMAL_LAW if request.times and request.law == "auto" and is_crossable(searched) else None
     if evidence.start_speed is not None:
         return {"start_speed": list(evidence.start_speed)}
     if evidence.duration is not None:

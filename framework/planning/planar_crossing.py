@@ -162,6 +162,7 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     requirements = {
         "a rigid robot": robot.n_e == 0,
         "no damping": not robot.is_damped,
+        "no springs": not robot.has_springs,
         "a platform with two translations and no turn": robot.n == 2 and bool(robot.translations.all()),
         "as many motors as the platform has axes": robot.n_a == robot.n,
         "passive joints": len(robot.passive) > 0,

@@ -29,7 +29,7 @@ from framework.planning.crossing_points import CrossingTime, PathToCross, check_
 from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
 from framework.planning.options import OPTIMAL_LAW
 from framework.planning.refusals import check_advance
-from framework.planning.request import Request
+from framework.planning.request import Request, share_load
 from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
@@ -138,6 +138,7 @@ def _plan_through(
             raise
         except NoAnswer as second:  # raise the failure that says more
             raise choose_failure(failure, second) from None
+    dynamics = share_load(dynamics, request, optimal=False)
     law = dynamics.law
     assert isinstance(law, Law)
     if request.geometry == "deformed":  # else the first law, which is checked

@@ -233,17 +233,11 @@ class RaisedDegree:
             AffineRows({"p": s}, -np.array(self.places)),
             # s' = speeds + change, s" = acceleration + slope * change
             AffineRows({"p": ds, "change": -np.eye(count)}, -speeds),
-            AffineRows(
-                {"p": dds / scale, "change": -np.diag(slope) / scale},
-                -acceleration / scale[:, 0],
-            ),
+            AffineRows({"p": dds / scale, "change": -np.diag(slope) / scale}, -acceleration / scale[:, 0]),
         ]
         bound = trust * speeds
         nonnegative = [
-            AffineRows(
-                {"p": p_rows, "advance": -np.ones((len(p_rows), 1))},
-                np.zeros(len(p_rows)),
-            ),
+            AffineRows({"p": p_rows, "advance": -np.ones((len(p_rows), 1))}, np.zeros(len(p_rows))),
             *(AffineRows({"change": sign * np.eye(count)}, bound) for sign in (-1.0, 1.0)),
         ]
         cost = {"advance": -np.ones(1)}

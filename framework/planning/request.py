@@ -16,6 +16,7 @@ from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.motor_friction import motor_friction
 from framework.dynamics.motor_limits import is_limited, motor_limits, shortest_form
 from framework.dynamics.result import InverseDynamics
+from framework.dynamics.torque_distribution import distribute_torques
 from framework.errors import InvalidInput, did_you_mean
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -72,6 +73,11 @@ class Request(PlanOptions):
                 filled_in[name] = shortest_form(limits[name])
         request = Request(path=path, **{**options, **filled_in})
         request.external_wrenches.check_frames(robot)
+        if robot.n_e and request.torque_sharing == "free":
+            raise InvalidInput(
+                "torque_sharing: elastic robots have least_norm alone, as their springs deflect with the "
+                "distribution of torques"
+            ).advising({"torque_sharing": None})
         if request.goal == "time" and np.isinf(list(limits.values())).all():
             raise InvalidInput(
                 "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
@@ -109,8 +115,8 @@ class Request(PlanOptions):
         """The kind of law: polynomial, optimal or auto.
 
         Auto means the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks
-        for the optimal law. So do limits without a duration. Given times ask for the polynomial, which is
-        refused if it exceeds limits.
+        for the optimal law. So do limits without a duration. Given times ask for the polynomial; the optimal
+        law replaces it if it does not advance or exceeds limits.
         """
         asks_for_optimal = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if asks_for_optimal or (self.bounded and self.duration is None):
@@ -135,7 +141,8 @@ class Request(PlanOptions):
     @property
     def may_be_optimal(self) -> bool:
         """Whether the request admits an optimal law."""
-        return self.kind == "optimal" or (self.kind == "auto" and self.smoothness <= HIGHEST_SMOOTHNESS)
+        is_left_open = self.kind == "auto" or (self.law == "auto" and self.times != ())
+        return self.kind == "optimal" or (is_left_open and self.smoothness <= HIGHEST_SMOOTHNESS)
 
     @property
     def fixed_duration(self) -> float:
@@ -181,9 +188,13 @@ class Request(PlanOptions):
 
         There is no advice if the duration is missing: only the user can choose one.
         """
-        if self.times is not None:
-            refusal = InvalidInput("times: belong to the polynomial; the optimal law finds its own")
+        if self.times == ():
+            refusal = InvalidInput("times: none, for a law without crossings, belong to the polynomial")
             raise self._advise_change(refusal, times=None, speeds=None)
+        end = self.duration or self.longest or np.inf
+        for t in self.times or ():
+            if not 0.0 < t < end:
+                raise InvalidInput(f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}")
         if self.longest is not None and self.duration is not None:
             refusal = InvalidInput("longest: bounds a duration that is open; give either, not both")
             raise self._advise_change(refusal, duration=None)
@@ -251,10 +262,13 @@ class Specification(ReadOnlyArrays):
         limit, without bounding the torque; if no motor has a limit, all have the same weight.
     duration: exact duration [s]; None if open.
     longest: largest duration [s]; None if unbounded.
+    times: required instants [s] of the crossings; empty if they are open.
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.
     smoothness: order up to which derivatives of s are given at both ends.
     friction: (n_a,) dry friction, which is part of the motors' torques [N m], motor side.
     ends: the derivatives of s at ends in motion; the others vanish.
+    shares_freely: whether redundant motors share the load as the goal and the limits ask for; otherwise
+        their torques are those of least norm.
     """
 
     goal: str
@@ -265,6 +279,8 @@ class Specification(ReadOnlyArrays):
     smoothness: int
     friction: Array
     ends: Ends = REST
+    times: tuple[float, ...] = ()
+    shares_freely: bool = False
 
     def scale_limits(self, share: float) -> Specification:
         """Return the specification with its limits multiplied by `share`."""
@@ -274,6 +290,15 @@ class Specification(ReadOnlyArrays):
     def phi(self) -> Smoothstep:
         """The map from sigma to s, whose slope vanishes at ends at rest."""
         return Smoothstep(*self.ends.zeros(self.smoothness))
+
+    @property
+    def reference(self) -> Array:
+        """Torques (n_a,) [N m] that peaks are relative to: the limits.
+
+        A motor without a limit gets the largest limit of the others; 1 if no motor has one.
+        """
+        limit = self.torque_limit
+        return np.where(self.limited_motors, limit, limit[self.limited_motors].max(initial=0.0) or 1.0)
 
     @property
     def limited(self) -> bool:
@@ -310,7 +335,9 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,
         ends=request.ends,
+        times=tuple(request.times or ()),
         friction=motor_friction(robot, request.friction),
+        shares_freely=robot.n_a > robot.n and not robot.n_e and request.torque_sharing != "least_norm",
     )
 
 
@@ -328,6 +355,33 @@ def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
     torque = peak_sizes(dynamics.torque, edges, coefficient_count)
     speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, coefficient_count)
     return torque, speed
+
+
+def share_load(dynamics: InverseDynamics, request: Request, *, optimal: bool) -> InverseDynamics:
+    """Return a motion with its torques distributed over redundant motors as a request asks for.
+
+    Args:
+        optimal: whether the law is that of the request's goal, which the distribution then serves.
+    """
+    if dynamics.robot.n_a == dynamics.robot.n:
+        return dynamics
+    return share_within(dynamics, specification_of(dynamics.robot, request), optimal=optimal)
+
+
+def share_within(
+    dynamics: InverseDynamics, specification: Specification, *, optimal: bool
+) -> InverseDynamics:
+    """Return a motion with its torques distributed within specified limits, as `share_load`."""
+    if not specification.shares_freely:
+        return dynamics
+    goal = specification.goal if optimal else ""
+    return distribute_torques(
+        dynamics,
+        specification.torque_limit,
+        specification.reference,
+        least_norm=goal == "energy",
+        least_peak=goal == "peak_torque",
+    )
 
 
 def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:

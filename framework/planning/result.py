@@ -150,7 +150,7 @@ class CrossingPlan:
                 robot also with its derivatives up to order 4. Platform coordinates (n,) are the goal of a
                 curve that does so.
             options: those of `plan_crossing` except start_speed, such as duration, end_speed or limits;
-                friction, geometry and wrenches are those of this plan if not given.
+                friction, geometry, wrenches and torque_sharing are those of this plan if not given.
 
         Raises:
             InvalidInput: the path does not continue the motion, or an option is invalid.

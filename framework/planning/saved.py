@@ -65,7 +65,7 @@ from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
 from framework.planning.joint_path import with_platform_joints
 from framework.planning.options import OPTIONS
-from framework.planning.request import Request, specification_of
+from framework.planning.request import Request, share_load, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.planning.scenes import path_of
 from framework.singularity.points_on_path import search_path
@@ -331,6 +331,7 @@ def plan_from_document(
             tolerance=request.tolerance,
             friction=request.friction,
         )
+        dynamics = share_load(dynamics, request, optimal=law.kind == OptimalLaw.kind)
         plan = certified_plan(
             to_cross,
             request,

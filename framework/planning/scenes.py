@@ -83,9 +83,9 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """Return the request of a scene; options of `plan_crossing` override the scene's.
 
     Options of a scene that contradict the given ones are left out. The scene's goal gives way to a
-    polynomial, to times of crossings, and, if the goal is the least time, to a duration. The scene's times
-    and speeds of crossings are for the polynomial and give way to an optimal law. The scene's duration gives
-    way to a law that finds its own duration.
+    polynomial, to an empty list of times, and, if the goal is the least time, to a duration. The scene's
+    times and speeds of crossings are for its polynomial and give way to an optimal law. The scene's duration
+    gives way to a law that finds its own duration.
 
     Raises:
         InvalidInput: the robot has no such scene, or as `Request.of`.
@@ -96,7 +96,7 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
 
     # the scene's goal gives way
     fixes_duration = "duration" in set_options and chosen.optimize == "time"
-    if fixes_duration or options.get("law") == "polynomial" or "times" in set_options:
+    if fixes_duration or options.get("law") == "polynomial" or options.get("times") in ((), []):
         stated["optimize"] = None
 
     # its times and speeds give way to an optimal law

@@ -127,8 +127,18 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
 
     conditions = find_leg_conditions(robot, q)
     if conditions is None:
-        return _search_modes(robot, q)
-    return _modes_at_displacements(robot, q, conditions.group, find_real_solutions(*conditions))
+        # Newton's method from random starts, leg by leg; no bound is known, and there are no homotopy paths
+        solutions = solve_legs(robot, q, robot.following, None)
+        modes = _modes_of(
+            robot, list(solutions.q), [has_one_solution_near(robot, pose) for pose in solutions.q]
+        )
+        method = f"{RANDOM_STARTS} starts of Newton's method"
+        status: Status = "at least"
+        if solutions.are_all and all(mode.proved for mode in modes):
+            status = "proved"
+            method += ", joints paved"
+        return AssemblyModes(modes, status, bound=None, count=None, method=method)
+    return _modes_at_displacements(robot, q, conditions[0], find_real_solutions(*conditions))
 
 
 def _modes_at_displacements(
@@ -187,30 +197,7 @@ def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
     return robot.platform.unwrap(robot.platform.coordinates(frames), robot.reference.x)[0]
 
 
-def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes by Newton's method from random starts, with the motors as in q (nq,), leg by leg.
-
-    No bound on the number of modes is known, and no homotopy paths are counted.
-    """
-    solutions = solve_legs(robot, q, robot.following, None)
-    modes = _modes_of(robot, list(solutions.q), [has_one_solution_near(robot, pose) for pose in solutions.q])
-    method = f"{RANDOM_STARTS} starts of Newton's method"
-    status: Status = "at least"
-    if solutions.are_all and all(mode.proved for mode in modes):
-        status = "proved"
-        method += ", joints paved"
-    return AssemblyModes(modes, status, bound=None, count=None, method=method)
-
-
 # ------------------------------------------------------------------ conditions of the legs
-
-
-class LegConditions(NamedTuple):
-    """K linear conditions on M functions of the platform's displacement, motors locked."""
-
-    group: Displacements  # with the M functions
-    coefficients: Array  # (K, M) each row of unit size, lengths in robot lengths
-    rounding: float  # error of the coefficients, relative to the largest coefficient of each condition
 
 
 class _Edge(NamedTuple):
@@ -223,11 +210,15 @@ class _Edge(NamedTuple):
     forward: bool  # from parent to child, or from a closure's first frame to its second
 
 
-def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+def find_leg_conditions(robot: ParallelRobot, q: Array) -> tuple[Displacements, Array, float] | None:
     """Find the conditions of all legs, motors as in q (nq,); None if too few.
 
     The conditions of a leg span the null space of a table with a row for each random pose of the leg, and a
     column for each function of the platform's displacement.
+
+    Returns:
+        The group with its M functions; K conditions (K, M), each row of unit size, lengths in robot lengths;
+        the error of the coefficients, relative to the largest coefficient of each condition.
     """
     max_legs = 32  # a robot with more chains from the base to the platform has no conditions
     group = _displacement_group(robot)
@@ -251,7 +242,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     if len(rows) > K:  # the homotopy needs K conditions: random combinations keep all solutions
         rows = np.random.default_rng(1).standard_normal((K, len(rows))) @ rows
         rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    return LegConditions(group, rows, rounding)
+    return group, rows, rounding
 
 
 def _null_space(table: Array) -> tuple[Array, float]:

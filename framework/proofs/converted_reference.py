@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from framework.errors import FrameworkError
 from framework.kinematics.assembly import NEARBY_DISTANCE
 from framework.kinematics.diagnostics.regular_reference import regular_reference
 from framework.kinematics.frames import difference
+from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.numerics.arrays import Array
@@ -27,6 +29,7 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
         return description, []
     try:
         robot = ParallelRobot.from_description(description)
+        require_square(robot)
         near, regular = regular_reference(robot)
     except FrameworkError:  # `crossing check` explains it
         return description, []
@@ -87,4 +90,4 @@ def _reference_option(robot: ParallelRobot, q: Array) -> str:
         return ""
     if np.abs(difference(robot, q, posed.reference.q)).max() > NEARBY_DISTANCE:
         return ""
-    return "--reference " + " ".join(f"{name}={value:g}" for name, value in values.items())
+    return shlex.join(["--reference", *(f"{name}={value:g}" for name, value in values.items())])

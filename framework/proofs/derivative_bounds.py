@@ -196,9 +196,7 @@ class Derivatives(NamedTuple):
         value_errors += rounding * (1 + radii.sum(axis=1, keepdims=True))  # of values + slopes d
         thirds += rounding
         return Remainders(
-            values=ROUND_UP * value_errors,
-            slopes=ROUND_UP * slope_errors + rounding,
-            hessians=thirds,
+            values=ROUND_UP * value_errors, slopes=ROUND_UP * slope_errors + rounding, hessians=thirds
         )
 
     def _third_bounds(self, radii: Array) -> Array:

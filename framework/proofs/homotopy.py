@@ -6,11 +6,8 @@ A line of coefficients, made complex by random factors, connects the start syste
 group. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
 are tracked in stacks.
 
-A path that does not arrive is tracked again by the endgame, in segments: each reduces the remaining share s
-of the line to `ENDGAME_SEGMENT_RATIO` s. The size of a displacement (`displacement_sizes`) behaves as s^-w
-with a rational exponent w (Puiseux; Morgan, Sommese and Wampler 1992). If w is positive and the same over
-successive segments, the path goes to infinity; if w = 0, it ends at a multiple solution. All other paths are
-lost.
+A path that does not arrive is tracked again by the endgame, which tells by its growth whether it goes to
+infinity or ends at a multiple solution (Morgan, Sommese and Wampler 1992). All other paths are lost.
 
 Krawczyk's test encloses the ends of all paths that arrive: each enclosure holds exactly one solution, for all
 coefficients within their rounding. The solution is real if the middle of the enclosure is real, and not real
@@ -93,11 +90,7 @@ class RealSolutions(ReadOnlyArrays):
 
 
 def find_real_solutions(
-    group: Displacements,
-    coefficients: Array,
-    rounding: float = LEG_COEFFICIENT_ROUNDING,
-    *,
-    max_attempts: int = 4,  # each along other paths, while some are lost
+    group: Displacements, coefficients: Array, rounding: float = LEG_COEFFICIENT_ROUNDING
 ) -> RealSolutions:
     """Find all real displacements that solve conditions with coefficients (K, M).
 
@@ -107,6 +100,7 @@ def find_real_solutions(
         group: the displacements among which the solutions are, with M functions.
         rounding: error of the coefficients, relative to the largest coefficient of each condition.
     """
+    max_attempts = 4  # each along other paths, while some are lost
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if group.is_dependent(coefficients):  # no solution is isolated
         R, p = group.to_displacements(np.zeros((0, group.size)))
@@ -218,16 +212,9 @@ def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> Bo
 # ------------------------------------------------------------------ solution paths
 
 
-class StartSystem(NamedTuple):
-    """A random system of linear conditions on a group, and its solutions."""
-
-    coefficients: ComplexArray  # (K, M)
-    z: ComplexArray  # (bound, N), or fewer if monodromy missed some
-
-
 @cache
-def solve_start_system(group: Displacements) -> StartSystem:
-    """Find the solutions of a random system by monodromy.
+def solve_start_system(group: Displacements) -> tuple[ComplexArray, ComplexArray]:
+    """Find a random system (K, M) and its solutions (bound, N) by monodromy.
 
     The system is chosen such that a random point solves it. All solutions known so far are tracked to another
     random system and back, each time along a new closed loop of coefficients, until there are `group.bound`.
@@ -244,14 +231,14 @@ def solve_start_system(group: Displacements) -> StartSystem:
     solutions = z[None]  # (known solutions, N)
     for _ in range(MONODROMY_ROUNDS):
         other = group.random_coefficients(rng)
-        away = track_paths(group, system, other, solutions, rng)
+        away, arrived = track_paths(group, system, other, solutions, rng)
         # back to the same system by another way, on which the solutions may change places
-        back = track_paths(group, other, _rotate_phases(system, rng), away.z[away.arrived], rng)
-        candidates = np.concatenate([solutions, back.z[back.arrived]])
+        back, returned = track_paths(group, other, _rotate_phases(system, rng), away[arrived], rng)
+        candidates = np.concatenate([solutions, back[returned]])
         solutions = candidates[first_occurrences(candidates)]
         if len(solutions) >= group.bound:
             break
-    return StartSystem(system, solutions)
+    return system, solutions
 
 
 def _rotate_phases(coefficients: ComplexArray, rng: np.random.Generator) -> ComplexArray:
@@ -262,22 +249,18 @@ def _rotate_phases(coefficients: ComplexArray, rng: np.random.Generator) -> Comp
     return np.exp(2j * np.pi * rng.random((len(coefficients), 1))) * coefficients
 
 
-class TrackedPaths(NamedTuple):
-    """The last points of S tracked paths."""
-
-    z: ComplexArray  # (S, N) of unit norm
-    arrived: BoolArray  # (S,) whether the path has reached the end of its line
-
-
 def track_paths(
     group: Displacements, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
-) -> TrackedPaths:
+) -> tuple[ComplexArray, BoolArray]:
     """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
     The chart is random: `rng` draws it. Each path has its own t from 0 to 1 and its own step. A step is good,
     and taken, if the last Newton correction is small. After `steps_before_growth` good steps in a row the
     step is doubled, after a step that is not good it is halved. A path is lost if its step is below
     `min_step`.
+
+    Returns:
+        The last points (S, N) of the S paths, of unit norm; whether each has reached the end (S,).
     """
     steps_before_growth = 4  # successive good steps before the step is doubled
     first_step = 0.05  # share of the line of coefficients
@@ -305,7 +288,7 @@ def track_paths(
         step[live] = h * np.where(grows, 2.0, np.where(is_good, 1.0, 0.5))
 
         live = live[(step[live] >= min_step) & (t[live] < 1.0)]
-    return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
+    return z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0
 
 
 def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
@@ -336,16 +319,16 @@ def find_path_ends(group: Displacements, coefficients: Array, seed: int) -> Path
         seed: of the random phases of the start system, on which the paths depend.
     """
     rng = np.random.default_rng(seed)
-    start_system = solve_start_system(group)
-    start = _rotate_phases(start_system.coefficients, rng)
+    start_coefficients, start_z = solve_start_system(group)
+    start = _rotate_phases(start_coefficients, rng)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    z, arrived = track_paths(group, start, target, start_system.z, rng)  # (S, N), (S,)
+    z, arrived = track_paths(group, start, target, start_z, rng)  # (S, N), (S,)
 
     is_doubtful = ~arrived | (displacement_sizes(group, z) > MIN_INFINITE_SIZE)
     # the endgame completes these arrays
     infinite, multiple = np.zeros((2, len(z)), dtype=bool)
     ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple)
-    last = np.where(is_doubtful[:, None], start_system.z, z)  # doubtful paths start again
+    last = np.where(is_doubtful[:, None], start_z, z)  # doubtful paths start again
     _run_endgame(group, (start, target), ends, last, is_doubtful, rng)
     # a path that never arrives has no solution: its last point stands for one
     ends.z[~ends.arrived] = last[~ends.arrived]
@@ -373,10 +356,11 @@ def _run_endgame(
 ) -> None:
     """Classify paths by their growth over shrinking segments, in place.
 
-    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. If the size behaves as s^-w,
-    a segment has the exponent w = -(change of log size) / log(ratio). The exponents of successive segments
-    distinguish infinity (the same w > 0) from a finite end (w = 0). A path with a finite end is tracked to
-    it, unless it has arrived before. Paths that are lost or stay undecided keep their flags in `ends`.
+    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. The size behaves as s^-w with
+    a rational w (Puiseux), and a segment has the exponent w = -(change of log size) / log(ratio). The
+    exponents of successive segments distinguish infinity (the same w > 0) from a finite end (w = 0). A path
+    with a finite end is tracked to it, unless it has arrived before. Paths that are lost or stay undecided
+    keep their flags in `ends`.
 
     Args:
         line: coefficients (K, M) of the start system and of the target system.
@@ -395,9 +379,8 @@ def _run_endgame(
             break
         # track all paths to the end of the next segment; those that do not arrive there are lost
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        tracked = track_paths(group, segment_start, segment_end, last[live], rng)
-        last[live] = tracked.z
-        live[live] = tracked.arrived
+        last[live], arrived = track_paths(group, segment_start, segment_end, last[live], rng)
+        live[live] = arrived
         log_sizes.append(np.log(displacement_sizes(group, last)))
         segment_start = segment_end
         if segment < agreeing:
@@ -406,24 +389,19 @@ def _run_endgame(
         # classify: changes (A, S) of log size over the last A = `agreeing` segments, and exponents w (A, S)
         changes = np.diff(log_sizes[-agreeing - 1 :], axis=0)
         exponents = changes / -np.log(ENDGAME_SEGMENT_RATIO)
-        is_infinite = live & _goes_to_infinity(exponents, log_sizes[-1])
+        # whether the exponents w (A, S) of A segments are positive, agree, and sizes are large, (S,)
+        agree = np.ptp(exponents, axis=0) < ENDGAME_MIN_EXPONENT
+        is_large = log_sizes[-1] > np.log(MIN_INFINITE_SIZE)
+        is_infinite = live & ((exponents.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large)
         is_finite = live & (np.abs(exponents).max(axis=0) < ENDGAME_MIN_EXPONENT)
         live &= ~(is_infinite | is_finite)  # the undecided go on
         ends.infinite[is_infinite] = True
 
         # track paths with a finite end to it; at a multiple solution they do not arrive
         unfinished = is_finite & ~ends.arrived
-        tracked_end = track_paths(group, segment_end, target, last[unfinished], rng)
-        ends.z[unfinished] = tracked_end.z
-        ends.arrived[unfinished] = tracked_end.arrived
-        ends.multiple[unfinished] = ~tracked_end.arrived
-
-
-def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
-    """Return whether the exponents w (A, S) of A segments are positive, agree, and sizes are large, (S,)."""
-    agree = np.ptp(w, axis=0) < ENDGAME_MIN_EXPONENT
-    is_large = log_size > np.log(MIN_INFINITE_SIZE)
-    return (w.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large
+        ends.z[unfinished], arrived = track_paths(group, segment_end, target, last[unfinished], rng)
+        ends.arrived[unfinished] = arrived
+        ends.multiple[unfinished] = ~arrived
 
 
 class _LinearHomotopy(NamedTuple):

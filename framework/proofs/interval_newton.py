@@ -13,12 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray
-from framework.proofs.rounding import (
-    ROUND_UP,
-    approximate_inverses,
-    gamma,
-    identity_defect,
-)
+from framework.proofs.rounding import ROUND_UP, approximate_inverses, gamma, identity_defect
 
 
 class LinearEnclosure(NamedTuple):

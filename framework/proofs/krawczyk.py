@@ -10,10 +10,6 @@ Methods for Systems of Equations, 1990, section 5.1). The same holds for holomor
 numbers (Rump 1983). If the test fails, it is repeated with a box a little larger than the image
 (epsilon-inflation, Rump 2010). All rounding errors are bounded, see `rounding`.
 
-`NewtonMap` bounds the image for all tests: `prove_existence` for linearised equations in real unknowns, of
-which one may be a parameter; `enclose_solutions` for quadrics in complex unknowns; and `regular_ball` for the
-joints of all platform coordinates in a cell.
-
 If a real system has exactly one solution in a disc about a real point, this solution is real: its conjugate
 lies in the disc, too. If a disc does not meet its mirror image, the solution in it is not real.
 """
@@ -27,13 +23,7 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.rounding import (
-    ROUND_UP,
-    WIDENING_RATIO,
-    approximate_inverses,
-    gamma,
-    identity_defect,
-)
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, approximate_inverses, gamma, identity_defect
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
 MIN_RADIUS, MAX_RADIUS = 1e-14, 10.0  # [rad, robot lengths, or units of z] of widened boxes
@@ -77,19 +67,21 @@ class NewtonMap(NamedTuple):
         return ROUND_UP**2 * errors
 
 
-Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
+# a record of S boxes with proved (S,), hopeless (S,), radii (S, k), image (S, k)
+Tested = TypeVar("Tested", bound=Any)
 
 
 def widen_until_proved(test: Callable[[Array], Tested], radii: Array) -> Tested:
     """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
 
-    `test` takes radii (S, k) and returns its record of the boxes. At most `max_tests` tests are made. Wider
-    radii are at least MIN_RADIUS, and MAX_RADIUS or little more at most.
+    `test` takes radii (S, k) and returns its record of the boxes. At most `max_tests` tests are made, and no
+    more once all boxes are proved or hopeless, which no wider one proves. Wider radii are at least
+    MIN_RADIUS, and MAX_RADIUS or little more at most.
     """
     max_tests = 6
     tested = test(radii)
     for _ in range(max_tests - 1):
-        if tested.proved.all():
+        if (tested.proved | tested.hopeless).all():
             break
         wider = np.minimum(WIDENING_RATIO * tested.image, MAX_RADIUS) + MIN_RADIUS
         tested = test(np.where(tested.proved[:, None], tested.radii, wider))
@@ -153,6 +145,7 @@ class Enclosures(NamedTuple):
     """Polydiscs about S points of the projective space P^(N-1), in a chart: a disc for each coordinate."""
 
     proved: BoolArray  # (S,) to hold exactly one solution
+    hopeless: BoolArray  # (S,) whether the Jacobian at the middle is singular
     radii: Array  # (S, N)
     image: Array  # (S, N) radii of the image of the polydisc
 
@@ -186,7 +179,7 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
         J_errors = append_row(2 * Qz_errors, rounding * np.abs(chart))
         value_errors = F_errors + np.matvec(J_errors, r)  # of F against its linear form at z
         image = ROUND_UP * (np.abs(newton.root) + newton.errors(value_errors, r))
-        return Enclosures(np.all(image < r, axis=1) & newton.has_inverse, r, image)
+        return Enclosures(np.all(image < r, axis=1) & newton.has_inverse, ~newton.has_inverse, r, image)
 
     first_image = test(np.zeros_like(F_errors)).image
     return widen_until_proved(test, 2 * first_image + MIN_RADIUS)

@@ -56,7 +56,9 @@ def are_leg_solutions_complete(
         x = None
     if not len(own):  # no joints are left: the only solution is the candidate without coordinates
         return len(candidates) > 0
-    if not _is_paveable(robot, own):
+    # few joints are paved, at most one of them a slide, without balls and couplings
+    is_many = len(own) > 4 or np.count_nonzero(robot.sliding[own]) > 1
+    if is_many or robot.rows.has_couplings or not single_columns(robot.model).issuperset(own.tolist()):
         return False
 
     slide_reach = _bound_slides(robot, q, x)
@@ -69,17 +71,6 @@ def are_leg_solutions_complete(
     period = np.where(is_slide, np.inf, 2 * np.pi)
     known = KnownSolutions(points, unique_radii(equations, points), period)
     return has_only_known_solutions(equations.enclose, _joint_region(equations, slide_reach), known)
-
-
-def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
-    """Return whether the joints of a leg, velocity columns `own` (k,), can be paved.
-
-    They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
-    """
-    max_joints = 4  # of a leg that is paved
-    if len(own) > max_joints or np.count_nonzero(robot.sliding[own]) > 1 or robot.rows.has_couplings:
-        return False
-    return single_columns(robot.model).issuperset(own.tolist())
 
 
 def _joint_region(equations: DerivativeBounds, slide_reach: float) -> Boxes:

@@ -9,13 +9,9 @@ rest follows by induction.
 The test proves that a cell of platform coordinates x is free of singularities on one branch. Let the middle
 x_m have the joints q_m, F = [platform - x ; loops], and Y be the inverse of dF/dq at the middle. If, by
 `derivative_bounds`, the map q - Y F takes the box |q - q_m| < r into itself and contracts it (Krawczyk), then
-for every x of the cell the box holds one pose, and no Type 1 singularity. The joints are q_m + Y (x - x_m) up
-to an error e. There is no Type 2 singularity either if a bound on |1 - Y_P P|, with Y_P near the inverse of P
-at the middle,
-
-    |1 - Y_P P_m| + sum_i |Y_P dP/dq . Y_i| |dx_i| + |Y_P| (|dP/dq| e + change of dP/dq),
-
-has a spectral radius below 1. A turn of the platform is measured from the middle by the antisymmetric part of
+for every x of the cell the box holds one pose, and no Type 1 singularity. There is no Type 2 singularity
+either if a bound on |1 - Y_P P|, with Y_P near the inverse of P at the middle, has a spectral radius below 1
+(`_passive_block_is_regular`). A turn of the platform is measured from the middle by the antisymmetric part of
 R R_m'. Its size is the sine of the angle, which is no more than the change of the coordinates.
 """
 
@@ -37,13 +33,7 @@ from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import list_unbounded_joints
 from framework.proofs.krawczyk import MIN_RADIUS, NewtonMap, widen_until_proved
-from framework.proofs.rounding import (
-    ROUND_UP,
-    WIDENING_RATIO,
-    approximate_inverses,
-    gamma,
-    identity_defect,
-)
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, approximate_inverses, gamma, identity_defect
 from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
@@ -188,7 +178,13 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         """Test cubes; split cubes without proof, but leave the smallest ones undecided."""
-        cubes = _test_cubes(test, width, cubes, start.signs)
+        z = width * cubes.middles()  # (S, n)
+        tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
+        # a cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell
+        is_elsewhere = (tested.signs != start.signs).any(axis=1)
+        parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
+        assign(tested, is_elsewhere, select(parents, is_elsewhere))  # in the arrays of `tested`
+        cubes = cubes._replace(cells=tested)
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
@@ -203,23 +199,6 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
     # the ball ends at the nearest cube without proof, or on another branch
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
     return float(distances(disagreeing).min(initial=partition.limit))
-
-
-def _test_cubes(test: CellTest, width: float, cubes: _Cubes, signs: Array) -> _Cubes:
-    """Test S cubes on one branch.
-
-    A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
-
-    Args:
-        width: width of the first cube [robot lengths, rad].
-        signs: (1, 2) of det dF/dq and det P on the branch.
-    """
-    z = width * cubes.middles()  # (S, n)
-    tested = test(z, _continue_joints(test, cubes.cells, z), 0.5 * width * cubes.widths[:, 0])
-    is_elsewhere = (tested.signs != signs).any(axis=1)
-    parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
-    assign(tested, is_elsewhere, select(parents, is_elsewhere))  # in the arrays of `tested`
-    return cubes._replace(cells=tested)
 
 
 def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q: Array) -> BoolArray:
@@ -320,6 +299,7 @@ class _JointBoxes(NamedTuple):
     """Boxes of k joints about the middles of S cells."""
 
     proved: BoolArray  # (S,) to hold one pose for each x of the cell
+    hopeless: BoolArray  # (S,) whether Newton's map does not contract in the box, so in no wider one either
     radii: Array  # (S, k) of the boxes
     image: Array  # (S, k) radii of the box in which the joints are, for all x of the cell
     error: Array  # (S, k) largest distance of the joints from their linear change with x
@@ -356,9 +336,9 @@ def _prove_joint_boxes(derivatives: Derivatives, newton: NewtonMap, reach: Array
         error = ROUND_UP * (offset + newton.errors(remainders.values, radii))
         image = ROUND_UP * (reach + error)
         bound = np.abs(newton.Y) @ remainders.slopes + newton.defect  # of |1 - Y dF| in the box
+        contracts = _spectral_radius_below_one(bound) & newton.has_inverse
         is_inside = (image < radii).all(axis=1)
-        proved = is_inside & _spectral_radius_below_one(bound) & newton.has_inverse
-        return _JointBoxes(proved, radii, image, error, remainders)
+        return _JointBoxes(is_inside & contracts, ~contracts, radii, image, error, remainders)
 
     return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS)
 

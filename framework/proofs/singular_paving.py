@@ -1,15 +1,13 @@
 """All singular poses of a robot with one or two freedoms, in boxes, with a proof that there are no others.
 
-Boxes are of all moving joints: hinges turn all the way round, slides move within a reach. `SingularBoxTest`
-drops, keeps, narrows or cuts a box. A box that is kept encloses an arc of a smooth curve of singular poses
-(with one freedom: a single pose). Undecided boxes are listed. The proof trusts pinocchio's positions and
-directions at one configuration up to `tolerances.FRAME_ROUNDING`.
+Boxes are of all moving joints: hinges turn all the way round, slides move within a reach. The proof trusts
+pinocchio's positions and directions at one configuration up to `tolerances.FRAME_ROUNDING`.
 
 Let F = [platform - x ; loops]. A singular set consists of the poses in which a block of dF/dq loses rank, so
 that the bordered scalar g of the block is zero. A box is dropped if the loops cannot close in it, or if g is
 zero nowhere in it. It is narrowed by the equations {loops = 0, g = 0}. It is kept if Krawczyk's test proves
-that a slightly larger box holds exactly one singular pose for each value of one of its joints, and if the
-tube about this arc is small.
+that a slightly larger box holds exactly one singular pose for each value of one of its joints (with one
+freedom: a single pose), and if the tube about this arc is small.
 
 Sources: Merlet, Parallel Robots, 2nd ed., Springer 2006, chapter 11; Bohigas, Manubens and Ros, Singularities
 of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear relaxations.
@@ -137,19 +135,14 @@ def pave_singularities(
     # pave Type 2, then Type 1 of each leg
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
-    others = _bound_other_rows(robot, reach)
+    others = None  # of the loop equations that `DerivativeBounds.of` leaves out, if these may open
+    if robot.structure.varies:
+        others = DerivativeBounds.of(robot.with_fixed_rows(robot.structure.dropped), reach=reach)
     sets = tuple(
         _pave_set(SingularBoxTest(bounds, others, block, region, resolution), reach, max_boxes)
         for block in singular_sets(bounds.robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
-
-
-def _bound_other_rows(robot: ParallelRobot, reach: float) -> DerivativeBounds | None:
-    """Return bounds of the loop equations that `DerivativeBounds.of` leaves out, if these may open."""
-    if not robot.structure.varies:
-        return None
-    return DerivativeBounds.of(robot.with_fixed_rows(robot.structure.dropped), reach=reach)
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
@@ -235,15 +228,9 @@ def singular_sets(robot: ParallelRobot) -> list[SingularSet]:
     return sets
 
 
-class MeasureEnclosure(NamedTuple):
-    """The bordered scalar g over S boxes of k joints."""
-
-    valid: BoolArray  # (S,) whether poses in the box are singular if and only if g = 0
-    at_middle: LinearEnclosure  # g as one equation, with the error of its value at the middle
-    slope_changes: Array  # (S, 1, k) bounds on the changes of its slopes within the box
-
-
-def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
+def enclose_measure(
+    block: SingularSet, derivatives: Derivatives, remainders: Remainders
+) -> tuple[BoolArray, LinearEnclosure, Array]:
     """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
     With border vectors b and c (s,), g solves [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0;
@@ -253,6 +240,10 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
         block: the rows and columns of P in the Jacobian.
         derivatives: of the equations at the middles of S boxes.
         remainders: bounds on the errors of these derivatives within the boxes.
+
+    Returns:
+        Whether poses in a box are singular if and only if g = 0 (S,); g as one equation, with the error of
+        its value at the middle; bounds (S, 1, k) on the changes of its slopes within the box.
     """
     entries = (slice(None), block.rows[:, None], block.columns)  # of the block
     rounding = derivatives.bounds.rounding
@@ -273,15 +264,10 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     slope_changes = _bilinear_form(psi_size, dP_change, eta_size)
     slope_changes += _bilinear_form(psi_size, dP_size, eta_error)
     slope_changes += _bilinear_form(psi_error, dP_size + dP_change, eta_size)
-    return MeasureEnclosure(
-        valid=right.valid & left.valid,
-        at_middle=LinearEnclosure(
-            values=right.z[:, -1:],
-            slopes=-_bilinear_form(psi, dP, eta),
-            errors=right.last_error[:, None],
-        ),
-        slope_changes=ROUND_UP * slope_changes,
+    g = LinearEnclosure(
+        values=right.z[:, -1:], slopes=-_bilinear_form(psi, dP, eta), errors=right.last_error[:, None]
     )
+    return right.valid & left.valid, g, ROUND_UP * slope_changes
 
 
 def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
@@ -309,15 +295,6 @@ class _SingularEquations(NamedTuple):
     x: Array  # (S, n) at the middle
     x_slopes: Array  # (S, n, k) dimensionless
     x_errors: Array  # (S, n) bounds on the error of x + x_slopes d in the wider box, dimensionless
-
-
-class _Decision(NamedTuple):
-    """The remaining parts of S boxes, and the proved arcs."""
-
-    remaining: Contracted  # the parts that hold all singular poses
-    axis: IntArray  # (S,) parameter of the arc, across which a large box is cut; NO_AXIS without a proof
-    is_arc: BoolArray  # (S,) whether an arc is proved and small enough
-    arcs: Arcs  # these arcs
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,20 +325,22 @@ class SingularBoxTest:
         wider += self.widening * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         equations = self._singular_equations(derivatives, loops, boxes.radii, wider)
         valid = equations.valid
-        decision = self._decide_arcs(select(boxes, valid), wider[valid], select(equations, valid))
+        narrowed, parameter, is_arc, arcs = self._decide_arcs(
+            select(boxes, valid), wider[valid], select(equations, valid)
+        )
 
         # where g is valid, its narrower boxes replace those that the loops alone have left, in place
-        remaining.lower[valid], remaining.upper[valid] = decision.remaining
+        remaining.lower[valid], remaining.upper[valid] = narrowed
         axis = np.full(boxes.size, NO_AXIS)  # (S,) joint across which a box must be cut
-        axis[valid] = decision.axis
+        axis[valid] = parameter
 
         # boxes with a small arc are finished; narrow the others again, cut them or leave them undecided
         unfinished = ~remaining.empty
-        unfinished[valid] &= ~decision.is_arc
+        unfinished[valid] &= ~is_arc
         narrow = select(boxes.sub_boxes(*remaining), unfinished)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < self.min_size_ratio * self.resolution
         undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, axis[unfinished], is_small)
-        return Examined(decision.arcs, undecided, pending)
+        return Examined(arcs, undecided, pending)
 
     def _drop_unclosable_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
         """Drop boxes in which the loops cannot close, and boxes outside of the window.
@@ -461,12 +440,19 @@ class SingularBoxTest:
             x_errors=remainders.values[:, :n],
         )
 
-    def _decide_arcs(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
+    def _decide_arcs(
+        self, boxes: Boxes, wider: Array, equations: _SingularEquations
+    ) -> tuple[Contracted, IntArray, BoolArray, Arcs]:
         """Narrow S boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
 
         With two freedoms the set is a curve. Its parameter p is the joint along which the tangent leaves the
         box first; along this joint the tested box is not wider than the box, and `wider` is changed. With one
         freedom the set is a point.
+
+        Returns:
+            The parts of the boxes that hold all singular poses; the parameter of the arc (S,), across which a
+            large box is cut, NO_AXIS without a proof; whether an arc is proved and small enough (S,); these
+            arcs.
         """
         robot = self.bounds.robot
         at_middle = equations.at_middle
@@ -499,4 +485,4 @@ class SingularBoxTest:
         arcs = Arcs(
             equations.x, robot.platform_scale * x_radii, proved_boxes.middle, proved_boxes.radii, along
         )
-        return _Decision(remaining, np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc))
+        return remaining, np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc)

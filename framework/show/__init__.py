@@ -14,6 +14,7 @@ Figures
     plots               torques, law, phase plane and certificate of a plan; the eye of the needle
     map                 maps over the workspace, as figures and as a page; the singular locus
     study_figures       one figure for each study: dimensions, fidelity, robustness
+    vibration_figures   softest direction and vibrations of a pose; vibrations along a path
     transmission_figures  inertia, limits and errors of a linkage as a transmission
     drawing             a robot, and one frame of a film, as a picture
     moving              pictures and animated GIFs as files

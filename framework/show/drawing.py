@@ -221,11 +221,7 @@ MIN_TURN, MAX_TURN = 0.1, 2.6  # [rad] half of the arc of t_s: too short to draw
 
 
 def plot_still(
-    film: Film,
-    ax: Axes | None = None,
-    *,
-    frame: int | None = None,
-    limit: Array | None = None,
+    film: Film, ax: Axes | None = None, *, frame: int | None = None, limit: Array | None = None
 ) -> Axes:
     """Draw one frame of a film.
 
@@ -275,8 +271,8 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
     demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
     label = r"$\mathbf{t}_s$" if film.instants else "nearest to uncontrolled"
-    _draw_arrow(ax, foot, onto(twist), TWIST, label, both=True)
-    _draw_arrow(ax, foot, onto(demand), WRENCH, r"$\mathbf{W}_p$", both=False)
+    draw_arrow(ax, foot, onto(twist), TWIST, label)
+    draw_arrow(ax, foot, onto(demand), WRENCH, r"$\mathbf{W}_p$", both=False)
     _draw_turn(film, ax, k, onto)
 
 
@@ -326,7 +322,9 @@ def film_locus(film: Film) -> list[Array]:
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), film.platform)
 
 
-def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, label: str, *, both: bool) -> None:
+def draw_arrow(
+    ax: Axes, foot: Array, arrow: Array, color: str, label: str = "", *, both: bool = True
+) -> None:
     """Draw an arrow (2,) at a foot (2,), or to `both` sides; skip one too short to see."""
     if not np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):  # NaN without a twist
         return
@@ -336,7 +334,7 @@ def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, label: str, *, 
     head = {"arrowstyle": "<|-|>" if both else "-|>", "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", tuple(tip), tuple(tail), arrowprops=head | line, zorder=7)
     ax.plot(*np.stack([tip, tail], axis=1), alpha=0)  # the limits of the axes ignore annotations
-    ax.plot([], [], label=label, **line)
+    ax.plot([], [], label=label or None, **line)
     if label.startswith("$"):  # a symbol, which stands at the tip too
         beyond = arrow / np.linalg.norm(arrow) * 6  # [points]
         ax.annotate(

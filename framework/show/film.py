@@ -148,7 +148,9 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     """Film a proved plan, with a frame at each crossing."""
-    times = _frame_times(plan)
+    times = np.linspace(0.0, plan.duration, FILM_FRAMES)  # (F,) [s]
+    for crossing in plan.dynamics.crossings:  # the nearest frame is shifted onto each
+        times[np.argmin(np.abs(times - crossing.time))] = crossing.time
     return _sample_film(
         plan.robot,
         plan.dynamics.motion(times),
@@ -178,14 +180,6 @@ def _sample_film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
         wrenches=motion.wrenches,
         **facts,
     )
-
-
-def _frame_times(plan: CrossingPlan) -> Array:
-    """Return equidistant times (F,) [s]; shift the nearest one onto each crossing."""
-    times = np.linspace(0.0, plan.duration, FILM_FRAMES)
-    for crossing in plan.dynamics.crossings:
-        times[np.argmin(np.abs(times - crossing.time))] = crossing.time
-    return times
 
 
 # ------------------------------------------------------------------ torque limits of pictures

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from framework.atlas.nonsingular_mode_change import AssemblyModeChange
-from framework.atlas.quantities import Quantity, quantity_unit
+from framework.atlas.quantities import Quantity, quantity_unit, softest_directions
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.errors import InvalidInput
@@ -60,6 +60,7 @@ from framework.tolerances import SAME_PLACE
 SEQUENTIAL, DIVERGING = "cividis", "BrBG"
 COLOR_PERCENTILES = (2.0, 98.0)  # of the values, ends of the colour scale: a pole would take all colours
 PATH_SAMPLES = 401
+DIRECTIONS = 12  # along the longer edge of a map, at which the softest direction is drawn
 TYPE_2, OF_LOOPS = "singular locus (Type 2)", "singularity of loops or legs"
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
 WINDOW_EDGE, ASIDE, ABOVE = 3.4, 1.45, 1.4  # [in] of the window drawn, and of labels beside and above it
@@ -102,6 +103,8 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
             _draw_cells(workspace, shade, ax, cmap=ListedColormap([colour]))
             legend_entries.append((colour, f"{label}: {poses.sum()} poses"))
     _draw_values(workspace, quantity, ax)
+    if quantity.softest:
+        _draw_softest(workspace, quantity, ax)
     halo = [withStroke(linewidth=2.8, foreground="white")]
     _draw_locus(workspace, ax, halo)
     _draw_path(workspace, path, ax, halo)
@@ -177,6 +180,27 @@ def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
     bar = ax.figure.colorbar(mesh, cax=ax.inset_axes((1.0 + width, 0.0, width, 1.0)), extend=extend)
     unit = quantity_unit(workspace.robot, quantity)
     bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
+
+
+def _draw_softest(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
+    """Draw the softest direction of poses all over the map as short lines, seen on its plane."""
+    axes = list(workspace.window.axes)
+    if not is_to_scale(workspace):
+        return
+    stride = max(1, max(workspace.reason.shape) // DIRECTIONS)
+    shown = np.zeros(workspace.reason.shape, dtype=bool)
+    shown[stride // 2 :: stride, stride // 2 :: stride] = True
+    shown &= np.isfinite(workspace.values[quantity.key])
+    twists = softest_directions(workspace.robot, quantity, workspace.q[shown])[:, axes]  # (k, 2)
+    rows, columns = np.nonzero(shown)
+    first, second = workspace.window.spans
+    middle = np.column_stack([first[rows], second[columns]])
+    half = 0.4 * stride * workspace.window.cell.min() * twists
+    lines = np.stack([middle - half, middle + half], axis=1)
+    style = Style(
+        colors="black", linewidths=1.0, path_effects=[withStroke(linewidth=2.4, foreground="white")]
+    )
+    ax.add_collection(LineCollection(list(lines), label="softest direction", **style))
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
@@ -356,21 +380,17 @@ def _quantity_document(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     """Return a quantity for the page: values, range and colours."""
     palette, norm = quantity_colours(workspace, quantity)
     shades = palette(np.linspace(0.0, 1.0, 256))[:, :3]
+    reading = f"Bright is {'large' if quantity.large_is_good else 'small'}, and good."
+    if quantity.signed:
+        reading = "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
     return {
         **select_fields(quantity, "key", "name", "decades", "loaded"),
         "unit": quantity_unit(workspace.robot, quantity),
-        "reading": _describe_colours(quantity),
+        "reading": reading,
         "values": encode_array(workspace.values[quantity.key].astype("<f4")),
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],
         "colours": np.round(255 * shades).astype(int),
     }
-
-
-def _describe_colours(quantity: Quantity) -> str:
-    """Say which colours of a quantity are good."""
-    if quantity.signed:
-        return "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
-    return f"Bright is {'large' if quantity.large_is_good else 'small'}, and good."
 
 
 def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -> Document:

@@ -68,15 +68,17 @@ def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
     with use_style():
         stage = _scene_beside_eye(films) if len(films) == 1 else _scene_of_films(films)
-        _fix_limits(stage, times)
+        # the axes of all robots get the same limits, wide enough at all times
+        for t in times[:: -max(1, len(times) // 8)]:  # some times suffice; ends at the first
+            stage.move(t)
+        low_x, high_x = np.transpose([ax.get_xlim() for ax in stage.robots])
+        low_y, high_y = np.transpose([ax.get_ylim() for ax in stage.robots])
+        for ax in stage.robots:
+            ax.set(xlim=(low_x.min(), high_x.max()), ylim=(low_y.min(), high_y.max()))
         pictures = _render(stage, times)
     pauses = [*instants, end]
     durations = [SINGULAR_FRAME_TIME if t in pauses else FRAME_TIME for t in times]
-    return _encode_animation(pictures, durations, kind)
-
-
-def _encode_animation(pictures: Sequence[Image.Image], durations: list[int], kind: str) -> bytes:
-    """Encode pictures, each shown for a duration [ms], as a gif or apng."""
+    # as a gif or apng, each picture shown for a duration [ms]
     some = Image.fromarray(np.concatenate(list(map(np.asarray, pictures[::8]))))  # has all colours
     # 64: few shades of each colour are enough for smooth edges
     palette = some.quantize(64, method=Image.Quantize.FASTOCTREE)
@@ -91,16 +93,6 @@ def _encode_animation(pictures: Sequence[Image.Image], durations: list[int], kin
         origin.add_text("Software", PROGRAM)
         still.save(written, "PNG", default_image=True, append_images=small, pnginfo=origin, **animated)
     return written.getvalue()
-
-
-def _fix_limits(stage: _Scene, times: Array) -> None:
-    """Give the axes of all robots the same limits, wide enough at times (T,) [s]."""
-    for t in times[:: -max(1, len(times) // 8)]:  # some times suffice; ends at the first
-        stage.move(t)
-    low_x, high_x = np.transpose([ax.get_xlim() for ax in stage.robots])
-    low_y, high_y = np.transpose([ax.get_ylim() for ax in stage.robots])
-    for ax in stage.robots:
-        ax.set(xlim=(low_x.min(), high_x.max()), ylim=(low_y.min(), high_y.max()))
 
 
 def _render(stage: _Scene, times: Array) -> list[Image.Image]:

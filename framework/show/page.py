@@ -92,9 +92,7 @@ def _viewer_html() -> str:
     licences = "\n\n".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
     script = (viewer / "dist/main.min.js").read_text(encoding="utf-8")
     return page_part(
-        "viewer.html",
-        licences=licences.replace("--", "- -"),
-        script=script.replace("</script", "<\\/script"),
+        "viewer.html", licences=licences.replace("--", "- -"), script=script.replace("</script", "<\\/script")
     )
 
 

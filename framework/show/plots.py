@@ -115,18 +115,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
         if plan.crossings:
             _magnify(ax, plan, searched)
     ax.axhline(0.0, color="black", linewidth=0.5)
-    _mark_loaded(ax, plan)
-    for crossing in plan.crossings:
-        draw_dot(ax, crossing.s, 0.0)
-        rises = np.interp(crossing.s, s, np.gradient(g)) > 0
-        offset: Style = {"textcoords": "offset points", "xytext": (5, -10 if rises else 5)}  # off the curve
-        ax.annotate(f"$s$ = {crossing.s:.6f}", (crossing.s, 0.0), fontsize=7, **offset)
-    ax.set(xlabel="path coordinate  $s$", ylabel="singularity measure  $g$")
-    return ax
-
-
-def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
-    """Mark singular points of the loaded robot that are visibly off the crossings."""
+    # singular points of the loaded robot that are visibly off the crossings
     visible = [
         loaded.s
         for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
@@ -135,6 +124,13 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
     if visible:
         ax.plot(visible, [0.0] * len(visible), **LOADED, label="singular under its loads")
         ax.legend(loc="upper left")
+    for crossing in plan.crossings:
+        draw_dot(ax, crossing.s, 0.0)
+        rises = np.interp(crossing.s, s, np.gradient(g)) > 0
+        offset: Style = {"textcoords": "offset points", "xytext": (5, -10 if rises else 5)}  # off the curve
+        ax.annotate(f"$s$ = {crossing.s:.6f}", (crossing.s, 0.0), fontsize=7, **offset)
+    ax.set(xlabel="path coordinate  $s$", ylabel="singularity measure  $g$")
+    return ax
 
 
 def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:

@@ -169,6 +169,9 @@ def _parameters_html(plan: CrossingPlan) -> str:
     slides = robot.sliding[robot.elastic]
     for name, stiffness, slide in zip(robot.elastic_names, robot.stiffness, slides, strict=True):
         rows.append(Fact(f"spring {name}", f"{stiffness:g}", "N/m" if slide else "N m/rad"))
+    for line in description.line_springs:
+        numbers = f"{line.stiffness:g} N/m from {line.rest:g} m, damping {line.damping:g} N s/m"
+        rows.append(Fact(f"spring {line.label}", numbers))
     return _table_html(rows)
 
 
@@ -193,19 +196,7 @@ def _figures_html(plan: CrossingPlan, film: Film) -> str:
     """Return the figures with their captions."""
     figures = []
     drawings = plan_drawings(plan, film)
-    for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
-        with use_style():
-            drawing = figure_file(drawings[name]().figure, "svg")
-        data = b64encode(drawing).decode("ascii")
-        figures.append(
-            f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
-            f"<figcaption><b>Figure {number}.</b> {_mark_indices(caption)}</figcaption></figure>"
-        )
-    return f'<div class="figures">{"".join(figures)}</div>'
-
-
-def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
-    """Return the captions of the figures, in their order."""
+    # captions of the figures, in their order
     where = "at the singular instant" if film.instants else "halfway"
     locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
     dashed = " Dashed: the singular instants." if plan.crossings else ""
@@ -230,7 +221,15 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
         captions["phase_plane"] = (
             "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
         )
-    return captions
+    for number, (name, caption) in enumerate(captions.items(), 1):
+        with use_style():
+            drawing = figure_file(drawings[name]().figure, "svg")
+        data = b64encode(drawing).decode("ascii")
+        figures.append(
+            f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
+            f"<figcaption><b>Figure {number}.</b> {_mark_indices(caption)}</figcaption></figure>"
+        )
+    return f'<div class="figures">{"".join(figures)}</div>'
 
 
 # ------------------------------------------------------------------ how to repeat the plan

@@ -15,12 +15,7 @@ import numpy as np
 
 from framework.dynamics.platform_wrench import action_lines
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import (
-    carried_points,
-    frame_positions,
-    joint_axis,
-    joint_poses,
-)
+from framework.kinematics.placements import carried_points, frame_positions, joint_axis, joint_poses
 from framework.kinematics.platform import FramePlatform
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
@@ -150,7 +145,11 @@ def _instant_documents(film: Film) -> list[Document]:
 
 def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     """Return the entries of a robot's document that its motion leaves alone, and the view."""
-    view = _view_document(_points_in_sight(robot, sight.bodies, poses), sight)
+    # a picture contains the joints in all poses, and the bodies in the first, the middle and the last one
+    points = [frame_positions(robot, poses)]
+    for pose in poses[[0, len(poses) // 2, -1]]:
+        points += [carried_points(pose[shape.node], shape.corners()) for shape in sight.bodies]
+    view = _view_document(np.concatenate(points), sight)
     motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
     return {
         "robot": robot.name,
@@ -360,17 +359,6 @@ def encode_locus(
     pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, max_distance=max_distance)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
-
-
-def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
-    """Return points (m, 3) that a picture must contain.
-
-    These are the joints in all poses, and the bodies in the first, the middle and the last one.
-    """
-    points = [frame_positions(robot, poses)]
-    for pose in poses[[0, len(poses) // 2, -1]]:
-        points += [carried_points(pose[shape.node], shape.corners()) for shape in shapes]
-    return np.concatenate(points)
 
 
 def _view_document(points: Array, sight: Sight) -> Document:

@@ -122,7 +122,13 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
             # motors at one place would hide each other: each is drawn about a cylinder of its own body
             motors.append(_drum_motor(axis, bodies if is_shared else [], size))
         elif axis.joint != 0:  # not the base: the rail is a leg
-            motors.append(_drum_about_leg(axis, bodies, size))
+            # a drum around a leg that stretches, wider than the leg's tube
+            tube = max((shape.size[0] for shape in bodies if shape.kind == "cylinder"), default=0.0)
+            radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
+            length = 3.0 * radius
+            motors.append(
+                _motor_shape(axis, "cylinder", (radius, length), axis.place + 1.2 * length * axis.axis)
+            )
         else:
             motors.append(_block_motor(carried_axis(robot, int(column)), size))
     return motors
@@ -138,17 +144,6 @@ def _block_motor(axis: JointAxis, size: float) -> Shape:
     width = 1.1 * MOTOR_RADIUS * size
     length = 1.8 * MOTOR_RADIUS * size
     return _motor_shape(axis, "box", (width, width, length), axis.place)
-
-
-def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum around a leg that stretches, wider than the leg's tube.
-
-    `shapes` are those of the leg, and `size` [m] is that of the robot in the picture.
-    """
-    tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
-    radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
-    length = 3.0 * radius
-    return _motor_shape(axis, "cylinder", (radius, length), axis.place + 1.2 * length * axis.axis)
 
 
 def _drum_motor(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:

@@ -73,7 +73,21 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjec
     motors = motor_shapes(robot, bodies)
     normal = planar_normal(robot)
     points, nodes = _sample_surfaces(robot, robot.reference.q if q is None else q, bodies + motors)
-    toward = _best_direction(points, nodes, normal, wanted)
+    # The direction to the eye has the best score: the visible share of the bodies, reduced by up to 30 % with
+    # the angle from the usual direction. For a spatial robot it is multiplied by the share of the wanted
+    # arrow that lies across the line of sight, and by the roots, which count less, of this share of the path
+    # and of the cosine between the eye and the normal of the wanted surface.
+    directions, usual = _candidate_directions(normal)
+    # (k, nodes) visible cells of each body in each of k directions
+    areas = np.array([_count_visible_cells(points, nodes, project_along(toward)) for toward in directions])
+    angles = np.arccos(np.clip(directions @ usual, -1.0, 1.0))
+    scores = _score_visibility(areas) * (1.0 - 0.3 * (angles / np.pi))
+    if wanted is not None and normal is None:
+        scores *= _fraction_across(wanted.arrow[None], directions)
+        scores *= np.sqrt(_fraction_across(np.diff(wanted.path, axis=0), directions))
+        if wanted.normal is not None:
+            scores *= np.sqrt(np.abs(directions @ wanted.normal))
+    toward = directions[np.argmax(scores)]
     return Sight(bodies, motors, toward, normal is not None)
 
 
@@ -111,34 +125,6 @@ def tilt_direction(toward: Array) -> Array:
     aside = np.array([0.0, -1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
     direction = toward + FLAT_VIEW_SLOPE * aside
     return direction / np.linalg.norm(direction)
-
-
-def _best_direction(
-    points: Array, nodes: IntArray, normal: Array | None, wanted: ShownObjects | None
-) -> Array:
-    """Choose the direction (3,) to the eye that shows most of the robot.
-
-    The score of a direction is the visible share of the bodies, reduced by up to 30 % with the angle from the
-    usual direction. For a spatial robot it is multiplied by the share of the wanted arrow that lies across
-    the line of sight, by the root of this share of the path, and by the root of the cosine between the eye
-    and the normal of the wanted surface. Roots count less: the arrow matters most.
-
-    Args:
-        points, nodes: points (m, 3) on the bodies, in cells of the picture, and the node (m,) of each.
-        normal: (3,) to the plane of a planar robot; None in space.
-        wanted: other objects to show; None without any.
-    """
-    directions, usual = _candidate_directions(normal)
-    # (k, nodes) visible cells of each body in each of k directions
-    areas = np.array([_count_visible_cells(points, nodes, project_along(toward)) for toward in directions])
-    angles = np.arccos(np.clip(directions @ usual, -1.0, 1.0))
-    scores = _score_visibility(areas) * (1.0 - 0.3 * (angles / np.pi))
-    if wanted is not None and normal is None:
-        scores *= _fraction_across(wanted.arrow[None], directions)
-        scores *= np.sqrt(_fraction_across(np.diff(wanted.path, axis=0), directions))
-        if wanted.normal is not None:
-            scores *= np.sqrt(np.abs(directions @ wanted.normal))
-    return directions[np.argmax(scores)]
 
 
 def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:

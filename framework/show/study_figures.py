@@ -7,7 +7,6 @@ from textwrap import wrap
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -44,7 +43,15 @@ def plot_study(study: DesignStudy) -> Axes:
     norm = _color_scale(study.columns[COLORING_QUANTITY])
     for row, key in zip(axes, rows, strict=True):
         for ax, values in zip(row, parameters.values(), strict=True):
-            marks = _draw_cell(study, key, values, ax, norm)
+            # marks are areas or, with lines from the least to the largest value, medians
+            middle = study.columns[key if key in AREAS else f"{key}_median"]
+            if key not in AREAS:
+                least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
+                ax.vlines(values, least, largest, color=AXIS, linewidth=0.8)
+                if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
+                    ax.set_yscale("log")
+            colours = study.columns[COLORING_QUANTITY]
+            marks = ax.scatter(values, middle, s=12, zorder=3, c=colours, cmap=PALETTE, norm=norm)
         name = AREAS[key] if key in AREAS else QUANTITIES[key].name
         row[0].set_ylabel("\n".join([*wrap(name, 24), f"[{_row_unit(study, key)}]"]))
     refused = np.array(study.why) != ""
@@ -75,21 +82,6 @@ def _mark_refused(ax: Axes, parameters: Array) -> None:
     height = np.full(len(parameters), 0.03)  # over the height of the axes
     transform = ax.get_xaxis_transform()
     ax.plot(parameters, height, "x", color=ALARM, markersize=4, transform=transform, clip_on=False)
-
-
-def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
-    """Draw the values of the quantity `key` over one parameter, at its values `places` (designs,).
-
-    Marks are areas or, with lines from the least to the largest value, medians. `norm` scales the colours.
-    """
-    middle = study.columns[key if key in AREAS else f"{key}_median"]
-    if key not in AREAS:
-        least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
-        ax.vlines(places, least, largest, color=AXIS, linewidth=0.8)
-        if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
-            ax.set_yscale("log")
-    colours = study.columns[COLORING_QUANTITY]
-    return ax.scatter(places, middle, s=12, zorder=3, c=colours, cmap=PALETTE, norm=norm)
 
 
 def _row_unit(study: DesignStudy, key: str) -> str:

@@ -156,14 +156,7 @@ class StepEquations:
     length: float
     start: State
 
-    def solve(
-        self,
-        a: Array,
-        multipliers: Array,
-        accuracy: float,
-        *,
-        refactoring_rate: float = 0.02,  # ratio of Newton steps above which the matrix is factorised anew
-    ) -> CollocationStep:
+    def solve(self, a: Array, multipliers: Array, accuracy: float) -> CollocationStep:
         """Solve by Newton's method from guesses of accelerations (s, nv) and multipliers (s, R).
 
         Args:
@@ -172,6 +165,7 @@ class StepEquations:
         Raises:
             StepFailed: Newton's method does not converge, or meets a singular matrix.
         """
+        refactoring_rate = 0.02  # ratio of Newton steps above which the matrix is factorised anew
         accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(self.start.q).max())
         matrix = None  # factorised before the first step, and again where steps shrink too slowly
         last_newton_step = np.inf
@@ -293,11 +287,7 @@ class StepEquations:
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)  # (s, nv, 3 nv)
         try:
             return NewtonMatrix.of(
-                self.length,
-                self.table.differentiation,
-                by_motion,
-                tangent.jacobian,
-                rank=self.equations.rank,
+                self.length, self.table.differentiation, by_motion, tangent.jacobian, rank=self.equations.rank
             )
         except np.linalg.LinAlgError:
             raise StepFailed("singular equations") from None

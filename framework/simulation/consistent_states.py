@@ -29,6 +29,7 @@ import numpy as np
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import closure_drift, loop_curvature, loop_wrenches, scale_jacobian
 from framework.kinematics.frames import frame_motions, integrate
+from framework.kinematics.line_springs import Lines
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.numerics.ordered_sums import matmul, matvec
 from framework.simulation.drive import NO_FORCES, WorldForces
@@ -145,7 +146,7 @@ def consistent_state(
         step = -allowed.closing[0] @ tangent.residual[0]
         if light.shape[1]:
             # sum of gravity, springs and damping minus motor and external forces
-            unbalanced = tangent.force[0] + equations.damping * v - driven
+            unbalanced = tangent.force[0] + tangent.by_v[0] @ v - driven
             unbalanced -= world(robot, np.zeros(1), q[None], np.atleast_2d(v))[0]
             step += light @ balancing_step(equations, tangent, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
@@ -193,11 +194,16 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     # loop forces that balance the other forces in the sense of least squares
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=EIGENVALUE_ROUNDING)[0]
     curvature = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
-    springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)
-    dampers = light.T @ np.diag(equations.damping) @ light
+    robot = equations.robot
+    stiffness, damping = np.diag(equations.stiffness), np.diag(equations.damping)
+    if robot.line_springs.names:
+        lines = Lines.at(robot, tangent.frames)
+        stiffness, damping = stiffness + lines.force_slope()[0], damping + lines.damping[0]
+    springs = light.T @ stiffness @ light  # (k, k)
+    dampers = light.T @ damping @ light
 
     # a motion without stiffness belongs to an eigenvalue of the springs that is rounding
-    stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)  # [N m]
+    stiffest = (np.diag(stiffness) * robot.column_scale**2).max(initial=0.0)  # [N m]
     rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
     if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
         softest = np.linalg.eigh(springs).eigenvectors[:, 0]  # (k,)

@@ -110,12 +110,7 @@ class WorldForces:
         return bool(self.wrenches.entries or self.functions)
 
     def __call__(
-        self,
-        robot: ParallelRobot,
-        t: Array,
-        q: Array,
-        v: Array,
-        models: Sequence[pin.Model] | None = None,
+        self, robot: ParallelRobot, t: Array, q: Array, v: Array, models: Sequence[pin.Model] | None = None
     ) -> Array:
         """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s], q (T, nq) and v (T, nv).
 
@@ -170,16 +165,11 @@ class WorldForces:
 
 
 def state_derivatives(
-    robot: ParallelRobot,
-    function: Callable[[Array, Array, Array], Array],
-    t: float,
-    q: Array,
-    v: Array,
-    *,
-    # [rad, m; rad/s, m/s] step of the differences
-    step: float = 1e-7,
+    robot: ParallelRobot, function: Callable[[Array, Array, Array], Array], t: float, q: Array, v: Array
 ) -> Array:
     """Compute the derivatives (2, k, nv) of k functions of t (T,), q (T, nq), v (T, nv) by q and v."""
+    # [rad, m; rad/s, m/s] step of the differences
+    step = 1e-7
     nv = robot.nv
     times = np.full(nv, t)
     # central differences; row k of the stacks of nv states steps joint k
@@ -349,9 +339,6 @@ def _drive_by_plan(
     Args:
         breaks: further instants [s] at which the torque jumps or has a kink.
         world: the external wrenches.
-
-    Raises:
-        InvalidInput: the plan has another number of motors.
     """
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:

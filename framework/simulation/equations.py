@@ -1,10 +1,11 @@
 """The equations of motion of a robot with closed loops, in all its coordinates, for a stack of states.
 
-    M(q) dv/dt + c(q, v) + g(q) + K (q - rest) + D v = S' n tau + J(q)' lambda,        F(q) = 0
+    M(q) dv/dt + c(q, v) + g(q) + K (q - rest) + D v + s(q, v) = S' n tau + J(q)' lambda,        F(q) = 0
 
 * M: inertia with armature and rotors, n^2 I_a on the actuated columns;
 * K: the springs of the robot file and those on joints of the URDF;
 * D: the viscous damping of the joints and what the caller adds;
+* s: springs and dampers between two points (`kinematics.line_springs`);
 * n tau: the motor torques on the joint side;
 * F, J: the R loop equations and their Jacobian of rank m. R = m unless no m fixed rows suffice in all poses;
   then lambda is the shortest of all that have the same forces.
@@ -32,6 +33,7 @@ from framework.kinematics.frames import (
     scratch_of,
 )
 from framework.kinematics.inverse_kinematics import require_joints_close
+from framework.kinematics.line_springs import Lines, lines_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, ArrayLike
@@ -54,7 +56,7 @@ def stack_states(states: Sequence[State]) -> State:
 class Tangent(NamedTuple):
     """The equations linearised at T states: left side with derivatives, and the R loop equations."""
 
-    force: Array  # (T, nv) M a + c + g + K (q - rest) + D v [N m, N]
+    force: Array  # (T, nv) M a + c + g + K (q - rest) + D v + s [N m, N]
     by_q: Array  # (T, nv, nv) derivatives of the force by tangent steps of q
     by_v: Array  # (T, nv, nv) derivatives of the force by v
     mass: Array  # (T, nv, nv) M, with rotors
@@ -147,6 +149,11 @@ class EquationsOfMotion:
         by_v[:, diagonal, diagonal] += self.damping
         springs = spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
         force += self.rotors * a + self.damping * v + springs
+        if self.robot.line_springs.names:
+            lines = Lines.at(self.robot, frames)
+            force += lines.forces(v)
+            by_q += lines.force_slope(v)
+            by_v += lines.damping
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 
@@ -166,7 +173,16 @@ class EquationsOfMotion:
         rotors = 0.5 * (v**2 @ self.robot.rotors)
         deflection = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest  # (T, nv)
         springs = 0.5 * (deflection**2 @ self.stiffness)
+        if self.robot.line_springs.names:
+            springs += lines_at(self.robot, q).energy
         return np.array(tree) + (rotors + springs)
+
+    def dissipated_power(self, q: Array, v: Array) -> Array:
+        """Compute the power (T,) [W] that dampers dissipate at q (T, nq) and v (T, nv)."""
+        power: Array = v**2 @ self.damping
+        if self.robot.line_springs.names:
+            power += np.vecdot(lines_at(self.robot, q).damping_forces(v), v)
+        return power
 
 
 def singular_vectors(jacobian: Array, m: int) -> tuple[Array, Array, Array]:

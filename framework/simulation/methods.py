@@ -102,7 +102,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
         longest=settings.step or task.duration,
     ):
         steps.append(step)
-        power = step.power - step.v**2 @ task.equations.damping  # [W] at the s nodes
+        power = step.power - task.equations.dissipated_power(step.q, step.v)  # [W] at the s nodes
         weights = step.length * step.table.integration[-1]  # (s,) of the integral to the last node, the end
         work = float(weights @ power)
         exchange = float(weights @ np.abs(power))
@@ -177,7 +177,8 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
 
             mean = 0.5 * (v + end.v)  # (nv,)
             supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean  # [W]
-            work = h * float(supplied - mean**2 @ task.equations.damping)  # less what damping dissipates
+            middle = integrate(robot, q, 0.5 * h * mean)[None]
+            work = h * float(supplied - task.equations.dissipated_power(middle, mean[None])[0])
             piece = Cubics(robot, edges[k : k + 2], *stack_states(states[-2:]))
             if record.add_step(piece, work, abs(work)):
                 break

@@ -376,9 +376,6 @@ def _method_settings(
         tolerance: what a collocation step may leave unresolved [rad, robot lengths].
         step: length of fixed steps, or of the longest step [s].
         stages: number of nodes of a collocation step.
-
-    Raises:
-        InvalidInput: a number is out of range, or the method has no such setting.
     """
     stage_range = (3, 30)
     settings = METHODS[method].settings
@@ -447,9 +444,6 @@ def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array,
 
     A robot with other springs than the planned one has other coordinates. It starts at rest, assembled with
     its platform at the first point of the plan.
-
-    Raises:
-        InvalidInput: the plan is for another robot, or for other springs and starts in motion.
     """
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
     owner = getattr(planned, "robot", robot)

@@ -8,6 +8,8 @@ order 2. Both solve, with d = h/2 in the first scheme and d = h in the second,
     [ M + d^2 K + d D   J' ] [    a    ]   [ forces ]
     [       J           0  ] [ -lambda ] = [ rates  ]
 
+K and D contain springs and dampers between points, without the geometric stiffness of their tension.
+
 midpoint: the linear implicit midpoint rule. It needs one mass matrix per step and has no numerical damping.
 extrapolated: the linear implicit Euler method with extrapolation: twice the result of two half steps minus
     that of one whole step. A coordinate without mass reaches its balance in one step. Vibrations too fast for
@@ -41,6 +43,8 @@ from framework.kinematics.frames import (
     move_with_bodies,
     scratch_of,
 )
+from framework.kinematics.line_springs import Lines
+from framework.kinematics.mechanism import LineSprings
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matmul, matvec, solve
@@ -64,6 +68,7 @@ class Terms(NamedTuple):
     frames: FrameStack
     residual: Array  # (R, r) of the loop equations [m, rad]
     jacobian: Array  # (R, r, nv) of the loop equations
+    lines: Lines | None  # of springs between points
     drift: Array  # (R, r) second time derivatives of the loop equations without joint accelerations
 
 
@@ -227,6 +232,17 @@ class Stepper:
         shape = (*q.shape[:-1], platform.n)
         return x.reshape(shape), twist.reshape(shape)
 
+    @cached_property
+    def line_springs(self) -> LineSprings:
+        """The springs between points, with numbers (R, K)."""
+        springs = [equations.robot.line_springs for equations in self.equations]
+        return replace(
+            springs[0],
+            stiffness=np.array([one.stiffness for one in springs]),
+            rest=np.array([one.rest for one in springs]),
+            damping=np.array([one.damping for one in springs]),
+        )
+
     # ------------------------------------------------------------------ schemes
 
     def _midpoint(self, start: State, driven: Array, h: float) -> State:
@@ -243,14 +259,14 @@ class Stepper:
         robot, (q, v) = self.robot, start
         middle = integrate(robot, q, 0.5 * h * v)
         terms = self.terms(middle, v)
-        implicit_mass = self._implicit_mass(terms.mass, 0.5 * h)
+        implicit_mass = self._implicit_mass(terms, 0.5 * h)
 
         loop_rate = matvec(terms.jacobian, v)  # (R, m)
         # residuals (R, m) at q, by a Taylor series over -h/2 from the middle back to the start
         gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * terms.drift
 
         # the two solutions differ in the bias forces, and in the drift of the loops
-        forces = driven - spring_forces(robot, self.stiffness, self.rest, middle) - self.damping * v
+        forces = driven - self._spring_and_damping_forces(terms, v)
         closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
         guess = self._solve_accelerations(
             implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
@@ -285,9 +301,8 @@ class Stepper:
         terms = self.terms(predicted, v)
         if closing_rate is None:
             closing_rate = -CLOSING_SHARE * terms.residual / h
-        implicit_mass = self._implicit_mass(terms.mass, h)
-        springs = spring_forces(robot, self.stiffness, self.rest, predicted)
-        forces = driven - terms.bias - springs - self.damping * v
+        implicit_mass = self._implicit_mass(terms, h)
+        forces = driven - terms.bias - self._spring_and_damping_forces(terms, v)
         loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
         v_end = v + h * self._solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
         return State(integrate(robot, q, h * v_end), v_end), closing_rate
@@ -334,15 +349,22 @@ class Stepper:
         matrix[:, nv:, :nv] = jacobian
         return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
-    def _implicit_mass(self, mass: Array, d: float) -> Array:
-        """Compute the matrix M + d^2 K + d D (R, nv, nv) of an implicit step, d in [s].
+    def _spring_and_damping_forces(self, terms: Terms, v: Array) -> Array:
+        """Compute the forces (R, nv) that hold springs and dampers at joint rates v (R, nv)."""
+        springs = spring_forces(self.robot, self.stiffness, self.rest, terms.frames.q)
+        forces: Array = springs + self.damping * v
+        return forces if terms.lines is None else forces + terms.lines.forces(v)
 
-        K and D are the diagonal matrices of the springs and dampers of the joints; M is `mass` (R, nv, nv).
-        The time d is half of the step, or the step, see the header.
+    def _implicit_mass(self, terms: Terms, d: float) -> Array:
+        """Compute the matrix M + d^2 K + d D (R, nv, nv) of an implicit step, see the header.
+
+        The time d [s] is half of the step, or the step.
         """
-        matrix = mass.copy()
-        diagonal = range(mass.shape[1])
+        matrix = terms.mass.copy()
+        diagonal = range(matrix.shape[1])
         matrix[:, diagonal, diagonal] += d**2 * self.stiffness + d * self.damping
+        if terms.lines is not None:
+            matrix += d**2 * terms.lines.stiffness + d * terms.lines.damping
         return matrix
 
     # ------------------------------------------------------------------ terms
@@ -366,7 +388,9 @@ class Stepper:
         mass[:, range(nv), range(nv)] += self.rotors
         frames = frames_at(self.robot, q, self._models(runs))
         loops = loop_equations(self.equations[0].rows, frames)
-        return Terms(mass, self.bias(q, v), frames, *loops, self.drift(frames, v))
+        springs = self.line_springs
+        lines = Lines.at(self.robot, frames, springs) if springs.names else None
+        return Terms(mass, self.bias(q, v), frames, *loops, lines, self.drift(frames, v))
 
     def bias(self, q: Array, v: Array) -> Array:
         """Compute the bias forces c + g (R, nv) of R runs: Coriolis, centrifugal and gravity forces."""
@@ -411,6 +435,6 @@ def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
 def _structure(robot: ParallelRobot) -> list[Any]:
     """Return the properties in which the robots of a stack agree: joints, index sets and loop rows."""
     joints = [list(robot.model.names), robot.model.nv]
-    index_sets = [robot.actuated, robot.elastic, robot.frames]
+    index_sets = [robot.actuated, robot.elastic, robot.frames, robot.line_springs.first]
     loop_rows = [getattr(robot.spanning_loops, field.name) for field in fields(robot.spanning_loops)]
     return joints + index_sets + loop_rows

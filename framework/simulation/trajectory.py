@@ -89,9 +89,6 @@ def _step_index(edges: Array, t: Array) -> IntArray:
     """Find the index (T,) of the step that contains each of the times t (T,).
 
     The K steps lie between the instants `edges` (K + 1,).
-
-    Raises:
-        InvalidInput: a time lies outside of all steps.
     """
     slack = SAME_PLACE * (edges[-1] - edges[0])
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
@@ -128,10 +125,7 @@ class Occurrence:
 
 
 def occurrences(
-    events: Sequence[Event],
-    step: Trajectory,
-    samples: int,
-    last_values: dict[Event, float],
+    events: Sequence[Event], step: Trajectory, samples: int, last_values: dict[Event, float]
 ) -> list[Occurrence]:
     """Find the events of one step in order of time, the first terminal event last.
 
@@ -154,22 +148,15 @@ def occurrences(
         values = [last_values[event], *(_event_value(event, *state) for state in states[1:])]
         last_values[event] = values[-1]
         for k, (begin_value, end_value) in enumerate(pairwise(values)):
-            if _has_zero(event, begin_value, end_value):
+            # a zero at the beginning belongs to the interval that ends there
+            changes_sign = begin_value != 0.0 and begin_value * end_value <= 0.0
+            if changes_sign and event.direction * (end_value - begin_value) >= 0.0:
                 zero = _find_zero(event, step, times[k], times[k + 1])
                 q, v = step(np.array([zero]))
                 occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
     terminal = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
     return occurred[: terminal[0] + 1] if terminal else occurred
-
-
-def _has_zero(event: Event, begin_value: float, end_value: float) -> bool:
-    """Return whether two successive values of an event's function bracket a zero in its direction.
-
-    A zero at the beginning belongs to the interval that ends there.
-    """
-    changes_sign = begin_value != 0.0 and begin_value * end_value <= 0.0
-    return changes_sign and event.direction * (end_value - begin_value) >= 0.0
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
@@ -188,11 +175,7 @@ def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -
 
 
 def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
-    """Return the value of an event's function at t [s], q (nq,) and v (nv,).
-
-    Raises:
-        InvalidInput: the value is not a number.
-    """
+    """Return the value of an event's function at t [s], q (nq,) and v (nv,)."""
     value = event.function(t, q, v)
     try:
         number = float(value)

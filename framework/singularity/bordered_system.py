@@ -111,21 +111,6 @@ def determinant(G: Array) -> Array:
 # ------------------------------------------------------------------ roots
 
 
-class Slope(NamedTuple):
-    """The measure g at p and its derivatives with respect to p, with the border of the matrix at p."""
-
-    g: float
-    slope: float  # dg/dp
-    g_above: float  # g at the upper end of the stencil, which has a sign also where p is a root
-
-
-class Root(NamedTuple):
-    """The result of Newton's method for a root of g."""
-
-    place: float  # p at the last iterate
-    converged: bool
-
-
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
     """Return the points (3,) of a central difference about p, clipped to [low, high].
 
@@ -135,7 +120,7 @@ def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
     return np.clip([p - half, p, p + half], low, high)
 
 
-def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
+def differentiate_g(matrices: Array, p: Array, size: int = 1) -> tuple[float, float, float]:
     """Compute g and dg/dp from matrices on a `stencil`, by central differences.
 
     At an end of the interval of p the stencil is clipped, and the slope is one-sided.
@@ -144,10 +129,13 @@ def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
         matrices: (3, n, n) at the points of the stencil; the middle one determines the border.
         p: the points (3,) of the stencil.
         size: number of columns of the border.
+
+    Returns:
+        g and dg/dp at p; g at the upper end of the stencil, which has a sign also where p is a root.
     """
     g_below, g, g_above = map(float, bordered_solution(matrices, border_of=1, size=size).g)
     p_below, _, p_above = p.tolist()
-    return Slope(g=g, slope=(g_above - g_below) / (p_above - p_below), g_above=g_above)
+    return g, (g_above - g_below) / (p_above - p_below), g_above
 
 
 def root_of_g(
@@ -158,7 +146,7 @@ def root_of_g(
     high: float = 1.0,
     size: int = 1,
     longest: float = np.inf,
-) -> Root:
+) -> tuple[float, bool]:
     """Find the root of g near p = `start` within [low, high] by Newton's method.
 
     Args:
@@ -168,16 +156,16 @@ def root_of_g(
             without convergence.
 
     Returns:
-        The last iterate, converged or not.
+        The last iterate p; whether it has converged.
     """
     p = start
     for _ in range(MAX_ITERATIONS):
         points = stencil(p, low, high)
-        local = differentiate_g(matrices(points), points, size)
-        step = -local.g / local.slope if local.slope else np.inf
+        g, slope, _ = differentiate_g(matrices(points), points, size)
+        step = -g / slope if slope else np.inf
         if not abs(step) < longest:  # also if the step is not finite
             break
         p = float(np.clip(p + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):
-            return Root(p, converged=True)
-    return Root(p, converged=False)
+            return p, True
+    return p, False

@@ -19,7 +19,6 @@ from framework.kinematics.continuation.forward_kinematics import forward_kinemat
 from framework.kinematics.continuation.tracking import follow_path, weakest_leg
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import (
-    ClosedStack,
     LinearisedLoops,
     assembled_at,
     clearance,
@@ -219,7 +218,24 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
 
     def pose_after(share: float) -> JoggedPose:
         """Compute the pose after a share of the motion, or at the end of the working mode."""
-        return _follow_line(robot, start, x + share * (target - x))
+        end = x + share * (target - x)  # (n,) straight ahead, until the working mode ends
+        q = start.q[0]
+        if np.array_equal(end, start.x[0]):
+            return describe_jogged_pose(robot, q)
+        try:
+            followed = follow_path(robot, Line(start.x[0], end), start.linearised)
+            q = followed.last.q[0]
+            linearised = followed.last.linearised
+            if followed.complete:
+                return describe_jogged_pose(robot, q)
+        except NotAssembled:  # the start is singular
+            q = start.q[0]
+            linearised = start.linearised
+        reason = (
+            f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded "
+            f"here (Type 1 singularity) and reaches no further in this working mode."
+        )
+        return describe_jogged_pose(robot, q, reason)
 
     return _stop_at_limits(robot, start.q[0], pose_after)
 
@@ -250,30 +266,6 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
             last_inside, inside = pose, middle
     stops = "; ".join(f"{joint}, {excess}" for joint, excess in excesses.items())
     return replace(last_inside, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
-
-
-def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Move the platform straight towards coordinates `target` (n,) until the working mode ends.
-
-    `start` is the pose at the start (T = 1).
-    """
-    q = start.q[0]
-    if np.array_equal(target, start.x[0]):
-        return describe_jogged_pose(robot, q)
-    try:
-        followed = follow_path(robot, Line(start.x[0], target), start.linearised)
-        q = followed.last.q[0]
-        linearised = followed.last.linearised
-        if followed.complete:
-            return describe_jogged_pose(robot, q)
-    except NotAssembled:  # the start is singular
-        q = start.q[0]
-        linearised = start.linearised
-    reason = (
-        f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded here "
-        f"(Type 1 singularity) and reaches no further in this working mode."
-    )
-    return describe_jogged_pose(robot, q, reason)
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from framework.errors import InvalidInput
 from framework.kinematics.frames import frames_at
@@ -179,25 +180,13 @@ def _trace_modes(
         is_minimum = (minimum_modes == mode).all(axis=1)
         starts = np.concatenate([minima[is_minimum], changes[is_change, :2]])  # indices i, j
         if len(starts):
-            curves += _trace_new_parts(equations, poses, starts, curves)
+            # the parts of the curves on the map's branch that are not among the earlier ones
+            for curve in _trace_near(equations, poses, _configurations_at(poses, starts)):
+                for part in _parts_on_branch(equations, poses, curve):
+                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
+                        curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
     return curves, unexplained
-
-
-def _trace_new_parts(
-    equations: LocusEquations, poses: MapPoses, starts: IntArray, earlier: list[MapCurve]
-) -> list[MapCurve]:
-    """Trace curves from the map's poses at indices `starts` (k, 2).
-
-    Returns:
-        The parts of the curves on the map's branch that are not among the `earlier` ones.
-    """
-    parts = list[MapCurve]()
-    for curve in _trace_near(equations, poses, _configurations_at(poses, starts)):
-        for part in _parts_on_branch(equations, poses, curve):
-            if _is_apart(poses, part.x, earlier + parts, SAME_CURVE_CELLS).any():
-                parts.append(part)
-    return parts
 
 
 def _configurations_at(poses: MapPoses, indices: IntArray) -> Array:
@@ -257,12 +246,10 @@ def _find_minima(g: Array, *, max_minima: int = 24) -> IntArray:
 
     At a minimum |g| is less than at all eight neighbours.
     """
-    from scipy.ndimage import minimum_filter
-
     magnitude = np.where(np.isfinite(g), np.abs(g), np.inf)  # |g|; infinite where a pose is not reached
-    footprint = np.ones((3, 3), dtype=bool)
-    footprint[1, 1] = False  # the pose itself does not count
-    least_beside = minimum_filter(magnitude, footprint=footprint, mode="constant", cval=np.inf)
+    around = sliding_window_view(np.pad(magnitude, 1, constant_values=np.inf), (3, 3))  # (I, J, 3, 3)
+    is_neighbour = np.arange(9).reshape(3, 3) != 4  # all but the pose itself, in the middle
+    least_beside = around.min(axis=(2, 3), initial=np.inf, where=is_neighbour)
     minima = np.argwhere(magnitude < least_beside)  # (minima, 2)
     by_magnitude = np.argsort(magnitude[tuple(minima.T)], kind="stable")
     return minima[by_magnitude[:max_minima]]
@@ -319,22 +306,17 @@ def _leaves_mode(robot: ParallelRobot, curve: LocusCurve) -> BoolArray:
     return ~share_working_mode(robot, starts, ends)
 
 
-class _Neighbours(NamedTuple):
-    """The map's poses about m points: the nearest pose and its eight neighbours, as in `NINE_CELLS`."""
+def _neighbouring_poses(poses: MapPoses, x: Array) -> tuple[Array, Array, BoolArray]:
+    """Return the map's poses about points x (m, 2): the nearest and its neighbours, as in `NINE_CELLS`.
 
-    x: Array  # (m, 9, n)
-    q: Array  # (m, 9, nq)
-    reached: BoolArray  # (m, 9) whether the neighbour is on the map and its pose is reached
-
-
-def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
-    """Return the map's poses about points x (m, 2)."""
+    These are x (m, 9, n), q (m, 9, nq), and whether a pose is on the map and reached (m, 9).
+    """
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)  # (m, 2) indices i, j
     cells = nearest[:, None] + NINE_CELLS  # (m, 9, 2) indices of the nine poses
     on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
     cells[~on_map] = 0  # a valid index for poses beyond the map, which do not count as `reached`
     i, j = np.moveaxis(cells, 2, 0)  # (m, 9) each
-    return _Neighbours(x=poses.x[i, j], q=poses.q[i, j], reached=on_map & poses.reached[i, j])
+    return poses.x[i, j], poses.q[i, j], on_map & poses.reached[i, j]
 
 
 def _compare_branches(
@@ -352,27 +334,27 @@ def _compare_branches(
         Masks (m,) of the points on the branch, and of the points off the branch.
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
-    neighbours = _neighbouring_poses(poses, x)
-    inside = np.flatnonzero(neighbours.reached[:, 0])  # points whose nearest pose is reached
+    near_x, near_q, reached = _neighbouring_poses(poses, x)
+    inside = np.flatnonzero(reached[:, 0])  # points whose nearest pose is reached
     if not len(inside):
         return is_on, is_off
-    neighbours = select(neighbours, inside)
-    nearest_q = neighbours.q[:, 0]
+    near_x, near_q, reached = near_x[inside], near_q[inside], reached[inside]
+    nearest_q = near_q[:, 0]
     q = curve.q[inside]
-    ends, arrives = poses.continue_pose(nearest_q, neighbours.x[:, 0], curve.x[inside])
+    ends, arrives = poses.continue_pose(nearest_q, near_x[:, 0], curve.x[inside])
     # largest motions of a joint [rad, robot lengths], for each of the points inside
     with np.errstate(invalid="ignore"):  # poses that are not reached have NaN
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
-        to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)
+        to_neighbours = np.abs(equations.offsets(nearest_q[:, None], near_q)).max(axis=2)
         to_point = np.abs(equations.offsets(nearest_q, q)).max(axis=1)
 
     # whether the point is no farther away than the farthest neighbour
-    is_among = to_point <= np.where(neighbours.reached, to_neighbours, 0.0).max(axis=1)
+    is_among = to_point <= np.where(reached, to_neighbours, 0.0).max(axis=1)
     if equations.robot.structure.varies:  # else tracing stays in the mode
         near, point = (
             ModeStates.of(equations.robot, linearised_at(equations.robot, p)) for p in (nearest_q, q)
         )
         is_among &= share_working_mode(equations.robot, near, point)
     is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
-    is_off[inside] = ~is_on[inside] & (arrives | neighbours.reached.all(axis=1))
+    is_off[inside] = ~is_on[inside] & (arrives | reached.all(axis=1))
     return is_on, is_off

@@ -289,7 +289,7 @@ class Extremum(NamedTuple):
         def find_towards(end: float) -> float:
             """Find the nearest such s between the extremum and an end."""
             step = self._find_first_step(end, lambda g: np.abs(g) > level)
-            return end if step is None else step.outer
+            return end if step is None else step[1]
 
         return find_towards(self.start), find_towards(self.end)
 
@@ -320,8 +320,8 @@ class Extremum(NamedTuple):
             roots.append(middle)
         return roots
 
-    def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> _Bracket | None:
-        """Step from the extremum towards an end of the panel until g passes a test.
+    def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> list[float] | None:
+        """Step from the extremum towards an end of the panel until g passes a test; return both ends in s.
 
         The first step is SAME_PLACE long. Each step doubles the distance from the extremum; the last one ends
         at the end of the panel. None if g passes the test after no step.
@@ -336,15 +336,7 @@ class Extremum(NamedTuple):
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         if not len(passing):
             return None
-        last = passing[0]  # index of the first step after which g passes
-        return _Bracket(inner=float(s[last]), outer=float(s[last + 1]))
-
-
-class _Bracket(NamedTuple):
-    """The last step of a search from an extremum outwards."""
-
-    inner: float  # s before the step
-    outer: float  # s after the step
+        return s[passing[0] : passing[0] + 2].tolist()  # of the first step after which g passes
 
 
 def extremum_near(

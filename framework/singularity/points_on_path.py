@@ -13,12 +13,7 @@ from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import track_path, uncontrolled_error, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import (
-    LinearisedLoops,
-    passive_matrix,
-    type1_matrix,
-    type2_matrix,
-)
+from framework.kinematics.linearised_loops import LinearisedLoops, passive_matrix, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -233,7 +228,17 @@ def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> N
         panels: the panels of its g, or why there are none.
     """
     if isinstance(panels, Unresolved):  # the branch has a kink, or meets another branch
-        singular = [_most_singular_s(type1, panels.s)]
+        # The s of the least singular value among knots of the branch and s rounded to three digits, as
+        # singular points are often at an s of few digits. A knot on the singularity itself may be on another
+        # branch: then the guesses are wrong between its neighbours, and the singularity lies between these.
+        knots = type1.branch.s
+        k = np.searchsorted(knots, panels.s)
+        close_knots = knots[np.abs(knots - panels.s) < 10 * MIN_PANEL_WIDTH]
+        neighbours = knots[max(k - 1, 0) : k + 1]
+        candidates = np.concatenate([close_knots, neighbours, [round(panels.s, 3)]])
+        matrices = type1.matrix(type1.linearise_guesses(candidates))  # also where the loops do not close
+        least_values = least_singular_values(matrices)
+        singular = [float(candidates[np.argmin(least_values)])]
     else:
         contacts = [contact.s for contact in find_contacts(type1, panels)]
         singular = [s for s in contacts if _is_type_1(type1, s)]
@@ -251,23 +256,6 @@ def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> N
         platform=x,
         joint=joint,
     )
-
-
-def _most_singular_s(type1: MeasuredMatrix, s: float) -> float:
-    """Find the s of the least singular value of the Type 1 matrix among points near s.
-
-    The points are knots of the branch, and s rounded to three digits, as singular points are often at an s of
-    few digits. A knot on the singularity itself may be on another branch. Then the guesses are wrong between
-    the knots on both sides of it, and the singularity lies between these.
-    """
-    knots = type1.branch.s
-    k = np.searchsorted(knots, s)
-    close_knots = knots[np.abs(knots - s) < 10 * MIN_PANEL_WIDTH]
-    neighbours = knots[max(k - 1, 0) : k + 1]
-    candidates = np.concatenate([close_knots, neighbours, [round(s, 3)]])
-    matrices = type1.matrix(type1.linearise_guesses(candidates))  # also where the loops do not close
-    least_values = least_singular_values(matrices)
-    return float(candidates[np.argmin(least_values)])
 
 
 def _unresolved_error(passive: MeasuredMatrix, unresolved: Unresolved) -> Exception:
@@ -328,16 +316,16 @@ def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
         corank: number of uncontrolled motions at s.
     """
     if corank > 1:
-        return float(least_singular_values(block_slopes(passive.evaluate, s, corank).slope))
+        return float(least_singular_values(block_slopes(passive.evaluate, s, corank)[1]))
     points = stencil(s)
     P = passive.evaluate(points)  # (3, n_p, n_p)
-    local = differentiate_g(P, points)
+    _, slope, g_above = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
-        return local.slope
+        return slope
     # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil, beyond the
     # root, det P has a sign, and g must have the same.
-    sign = np.sign(local.g_above) * np.linalg.slogdet(P[-1]).sign
-    return float(local.slope * sign)
+    sign = np.sign(g_above) * np.linalg.slogdet(P[-1]).sign
+    return float(slope * sign)
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:

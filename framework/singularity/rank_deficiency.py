@@ -116,8 +116,8 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
 
 def _general_root(measured: MeasuredMatrix, candidate: Candidate, size: int) -> Contact | None:
     """Find the root of det G near a candidate by differences; None if Newton's method leaves it."""
-    root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-    return Contact(root.place, "transversal") if root.converged else None
+    s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+    return Contact(s, "transversal") if converged else None
 
 
 def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | None:
@@ -336,16 +336,8 @@ def _product_with_end_blocks(G: Array) -> Array:
     return np.sum(G * (first_node + last_node), axis=(1, 2))
 
 
-class BlockSlopes(NamedTuple):
-    """The block G of bordered matrices at one s, and its derivatives along s, (size, size) each."""
-
-    G: Array
-    slope: Array
-    second_derivative: Array
-
-
-def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> BlockSlopes:
-    """Compute G and two derivatives by central differences at s, with the border at s.
+def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tuple[Array, Array, Array]:
+    """Compute G and two derivatives (size, size) by central differences at s, with the border at s.
 
     Close to an end of the path the stencil stays inside the path, and the slope is extrapolated to s.
 
@@ -359,4 +351,4 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> Blo
     lower, centre, upper, G = bordered_solution(stack, border_of=-1, size=size).G
     second_derivative = (lower - 2 * centre + upper) / h**2
     slope = (upper - lower) / (2 * h) + (s - middle) * second_derivative
-    return BlockSlopes(G, slope, second_derivative)
+    return G, slope, second_derivative

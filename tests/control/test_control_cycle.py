@@ -14,6 +14,7 @@ from framework import (
     assemble,
     dynamics_at,
     forward_kinematics,
+    plan_scene,
 )
 from framework.control import ControlCycle, control_cycle
 from tests.dynamics.test_dynamics_derivatives import OTHERS, STAGES
@@ -77,6 +78,21 @@ def test_pose_rates_and_torques_are_those_of_one_instant(robot):
     scale = np.abs(expected).max()
     np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-8 * scale)
     np.testing.assert_allclose(cycle.mass @ ddq_a + cycle.bias, torque, rtol=0, atol=1e-10 * scale)
+
+
+def test_a_cycle_linearises_once_and_its_torques_are_those_of_the_plan(monkeypatch):
+    """In steps of a millisecond along scene C: an error of T would show in the torques."""
+    plan = plan_scene(robot := robots.load("five_bar"), "C")
+    t = np.arange(0.0, 0.6, 1e-3)
+    motion, torque = plan.dynamics.motion(t), plan.torque(t)
+    cycle = ControlCycle(robot, near=motion.q[0])
+    linearise, poses = cycle._linearise, []
+    monkeypatch.setattr(cycle, "_linearise", lambda q: poses.append(q) or linearise(q))
+    of_motors = [values[:, robot.actuated] for values in (motion.q, motion.v, motion.a)]
+    for q_a, dq_a, ddq_a, expected in zip(*of_motors, torque, strict=True):
+        cycle.update(q_a, dq_a)
+        np.testing.assert_allclose(cycle.torque(ddq_a), expected, rtol=0, atol=1e-11 * np.abs(torque).max())
+    assert len(poses) == len(t)
 
 
 def test_distances_are_those_of_the_matrices(robot):

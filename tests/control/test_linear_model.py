@@ -25,6 +25,7 @@ from framework.control import (
     tuned_controller,
 )
 from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
+from framework.control.linear_model import linearise_variants
 from framework.control.prediction import LinearModels
 from framework.control.sensors import sensors_of
 from framework.control.variations import apply_variation
@@ -325,10 +326,21 @@ def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, dela
 def test_varied_springs_deviate_as_much_as_those_that_are_drawn(monkeypatch):
     """Drawn stiffnesses are uniform within +- 20 %: their deviation is 20 % / sqrt(3)."""
     ref = reference("five_bar", "C", "flexible_links")
-    monkeypatch.setattr(prediction, "linearise_plan", lambda reference, *_, **__: reference.robot.stiffness)
+    monkeypatch.setattr(prediction, "linearise_variants", lambda reference, kinds, stiffnesses: stiffnesses)
     models = prediction.LinearModels.of(ref, Spread(stiffness=0.2), Tuning())
     varied = np.array(models.within) / ref.robot.stiffness  # (3, n_e)
     ends = np.array(models.ends) / ref.robot.stiffness
     np.testing.assert_allclose(np.sort(np.unique(ends.round(12))), [0.8, 1.2])
     np.testing.assert_allclose(varied.mean(axis=0), 1.0, rtol=1e-15)
     np.testing.assert_allclose(varied[1:].std(axis=0), 0.2 / np.sqrt(3.0), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_robots_that_differ_in_springs_alone_have_the_models_of_their_own_linearisations():
+    ref = reference("five_bar", "C", "flexible_links")
+    softer = replace(ref.robot, stiffness=ref.robot.stiffness * np.array([0.8, 1.2, 0.9, 1.1]))
+    model, varied = linearise_variants(ref, ("springs",), [ref.robot.stiffness, softer.stiffness])
+    own = linearise_plan(replace(ref, robot=softer), ("springs",), like=model)
+    for key in ("A", "B", "F", "G", "joints", "joints_by_torque"):
+        expected = getattr(own, key)
+        np.testing.assert_allclose(getattr(varied, key), expected, atol=1e-9 * np.abs(expected).max())

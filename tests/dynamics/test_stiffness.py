@@ -1,19 +1,23 @@
 """Stiffness and vibrations: closed forms of the 5R, energies written anew, differences of the simulator."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
 import robots
 from framework import InvalidInput, NotConverged, ParallelRobot, assemble
+from framework.dynamics.forces import mass_matrices
 from framework.dynamics.stiffness import (
     compliant_motions,
+    direction_in_words,
     least_stiffness,
     locked_motor_frequency,
     platform_stiffness,
 )
-from framework.kinematics.linearised_loops import linearised_at_reference
+from framework.dynamics.vibrations import platform_vibrations
+from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.model.description import JointDynamics
 from framework.simulation.equations import EquationsOfMotion
 from tests.oracles import five_bar_pose
@@ -156,3 +160,35 @@ def test_springs_on_joints_alone_leave_a_platform_without_a_stiffness(loaded):
     free = compliant_motions(robot, linearised_at_reference(robot), robot.reference.q[None])
     assert np.isnan(least_stiffness(robot, free)).all()
     assert np.isnan(locked_motor_frequency(free)).all()
+
+
+def test_the_response_to_torques_is_that_of_all_coordinates_with_their_loops_also_at_type_2():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    x = np.array([[0.05, 0.3], [0.0, np.sqrt(0.06)]])  # the second is singular
+    q = np.array([assemble(robot, one).q for one in x])
+    frequencies = np.array([3.0, 120.0])
+    found = platform_vibrations(robot, q, frequencies=frequencies, loss=0.04)
+    linearised = linearised_at(robot, q)
+    for k, f in product(range(2), range(2)):
+        w, (J, X) = 2 * np.pi * frequencies[f], np.split(linearised.jacobian[k], [robot.n])[::-1]
+        mass = mass_matrices(robot, q[k][None])[0] + np.diag(robot.rotors)
+        K = np.diag(robot.all_stiffness) * (1 + 0.04j) - w**2 * mass
+        system = np.block([[K, J.T], [J, np.zeros((len(J), len(J)))]])
+        drive = np.zeros((len(system), robot.n_a))
+        drive[robot.actuated, range(robot.n_a)] = robot.gear_ratio
+        witness = X @ np.linalg.solve(system, drive)[: robot.nv]
+        assert found.response[k, f] == pytest.approx(witness, rel=1e-8, abs=1e-12)
+    assert found.natural[1, 0] == pytest.approx(0.0, abs=1e-3)  # [Hz] along t_s nothing holds
+    assert found.softest[1] == pytest.approx([0.0, 1.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("direction", "words"),
+    [
+        ([0.0, 1.0], "along y"),
+        ([-1.0, 0.0], "along -x"),
+        ([-0.6, 0.8], "37 degrees off y, towards -x"),
+    ],
+)
+def test_directions_are_said_in_words(direction, words):
+    assert direction_in_words(("x", "y"), np.array(direction)) == words

@@ -55,12 +55,18 @@ def test_motion_csv_is_a_recording(tmp_path):
             "line 3: torque_left_motor needs a finite number, got 'x'",
         ),
         ([HEADER, ROWS[0], "0.1,63.6,54.3,nan,0.2,7"], "line 3: torque_left_motor needs a finite number"),
+        ([HEADER, ROWS[0], "0.1,63.6,54.3,1e308,0.2,7"], "line 3: torque_left_motor needs a finite number"),
         ([HEADER, ROWS[0], "0.1,63.6"], "line 3: 2 cells for 6 columns"),
+        ([HEADER, ROWS[0].replace(".", ",") + ",0"], "12 cells for 6 columns; decimals need points"),
+        (
+            [line.replace(",", ";") for line in [HEADER, *ROWS]],
+            "line 1: its cells are not separated by commas",
+        ),
         ([HEADER, ROWS[0]], "1 rows of numbers"),
         ([HEADER, ROWS[1], ROWS[0]], "time does not advance after line 2"),
         (["a,b", "1,2"], "no column of five_bar"),
         (["time,time", "1,2"], "column time is there 2 times"),
-        ([""], "no column of five_bar"),
+        ([""], "data.csv: is empty"),
     ],
 )
 def test_what_is_wrong_with_data_is_said(tmp_path, lines, message):

@@ -290,3 +290,9 @@ def test_terms_that_mean_nothing_are_refused(bent, tmp_path, terms, message):
     with pytest.raises(RobotFileError) as raised:
         read_robot_file(tmp_path / "bent.yaml")
     assert message in str(raised.value)
+
+
+def test_coefficients_whose_powers_overflow_are_refused():
+    for ratio, terms in ((1e308, ()), (2.0, ((("b", "b"), -1e308),))):
+        with pytest.raises(RobotFileError, match="coupling a_of_b: coefficients must be at most"):
+            Coupling("a", "b", ratio, terms=terms)

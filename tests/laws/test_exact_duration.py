@@ -8,13 +8,24 @@ from scipy.interpolate import BSpline
 
 from framework import InvalidInput
 from framework.laws.optimal_law import OptimalLaw
-from framework.laws.squared_speed import ONE_CELL, SPLINE_DEGREE, SpeedBasis, SpeedSpace, Stretch
+from framework.laws.squared_speed import (
+    ONE_CELL,
+    SPLINE_DEGREE,
+    Instants,
+    SpeedBasis,
+    SpeedSpace,
+    Stretch,
+)
 from framework.numerics.cone_program import Affine
 
 SERIES = SpeedSpace(SpeedBasis(np.array(ONE_CELL), 3), Stretch())
 CELLS = np.linspace(-1.0, 1.0, 8)
 SPLINES = SpeedSpace(SpeedBasis.from_cells(CELLS), Stretch())
 NOTHING = Affine(np.empty((0, 3)), np.empty(0))
+
+
+def ending(duration: float) -> Instants:
+    return Instants.of((), (), duration)
 
 
 def dipping(least: float, at: float = 0.3) -> np.ndarray:
@@ -42,7 +53,7 @@ def test_a_blend_takes_the_time_asked():
 def test_an_adjusted_series_meets_its_conditions_and_its_duration_to_rounding():
     conditions = Affine(np.array([[1.0, 2.0, -1.0]]), np.array([-0.3]))
     start = dipping(0.1)
-    found = SERIES.adjust(start, conditions, 1.02 * SERIES.duration(start))
+    found = SERIES.adjust(start, conditions, ending(1.02 * SERIES.duration(start)))
     assert np.abs(conditions(found)).max() < 1e-14
     law = OptimalLaw(found, 2, 1.02 * SERIES.duration(start))
     assert law.duration == 1.02 * SERIES.duration(start)
@@ -52,7 +63,7 @@ def test_a_speed_that_stops_takes_for_ever():
     with pytest.raises(InvalidInput, match="too near to zero"):
         SERIES.duration(dipping(0.0))
     with pytest.raises(InvalidInput, match="too near to zero"):
-        SERIES.adjust(dipping(-0.01), NOTHING, 1.0)
+        SERIES.adjust(dipping(-0.01), NOTHING, ending(1.0))
 
 
 def spline_of(series: np.ndarray) -> np.ndarray:
@@ -74,7 +85,7 @@ def test_an_adjusted_spline_meets_its_conditions_and_its_duration_to_rounding():
     conditions = Affine(row, np.array([0.05]))
     start = spline_of(dipping(0.1))
     duration = 1.02 * SPLINES.duration(start)
-    found = SPLINES.adjust(start, conditions, duration)
+    found = SPLINES.adjust(start, conditions, ending(duration))
     assert np.abs(conditions(found)).max() < 1e-14
     assert OptimalLaw(found, 2, duration, (), tuple(CELLS)).duration == duration
 

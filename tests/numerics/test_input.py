@@ -25,8 +25,8 @@ def refused(file, reading=lambda file: read_text(file, "the file"), error=Invali
 
 def test_a_text_is_read_as_python_reads_it(tmp_path):
     file = tmp_path / "text"
-    file.write_bytes("é\r\nb\rc\n".encode())
-    assert read_text(file, "the file") == file.read_text(encoding="utf-8") == "é\nb\nc\n"
+    file.write_bytes("é\r\nb\rc\n".encode("utf-8-sig"))
+    assert read_text(file, "the file") == file.read_text(encoding="utf-8-sig") == "é\nb\nc\n"
 
 
 @pytest.mark.parametrize(

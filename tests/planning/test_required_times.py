@@ -118,10 +118,16 @@ def test_a_given_speed_is_met_too():
     assert plan.law(0.6, 1) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_given_times_are_planned_within_limits_or_refused_with_what_the_law_needs():
+@pytest.mark.slow
+def test_given_times_are_planned_within_limits_by_the_optimal_law_or_refused_with_the_time():
     robot, path = robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195])
     request = {"duration": 1.5, "times": [0.7]}
     peak = max(plan_crossing(robot, path, **request).peak_torque.values())
     assert plan_crossing(robot, path, **request, margin=0.1, torque_limit=1.2 * peak).crossings[0].time == 0.7
-    with pytest.raises(NoLaw, match=r"the polynomial needs 1\.25 times the limits"):
-        plan_crossing(robot, path, **request, torque_limit=0.8 * peak)
+    lower = plan_crossing(robot, path, **request, torque_limit=0.8 * peak)
+    assert lower.reason == "the polynomial needs 1.25 times the limits"
+    assert max(lower.peak_torque.values()) <= 0.8 * peak
+    assert lower.crossings[0].time == pytest.approx(0.7, rel=1e-12)
+    late = r"at t = 1\.4 s, but from t = 1\.4 s to the end the quickest found within the limits takes 0\.4"
+    with pytest.raises(NoLaw, match=late):
+        plan_crossing(robot, path, duration=1.5, times=[1.4], law="optimal", torque_limit=0.1)

@@ -45,7 +45,7 @@ def test_monodromy_finds_as_many_solutions_as_there_are_and_all_are_proved(group
 def test_monodromy_that_does_not_reach_the_bound_ends_with_fewer_solutions(monkeypatch):
     group = GROUPS[0]
     monkeypatch.setattr("framework.proofs.homotopy.MONODROMY_ROUNDS", 5)
-    assert len(solve_start_system(replace(group, bound=group.bound + 1)).z) == group.bound
+    assert len(solve_start_system(replace(group, bound=group.bound + 1))[1]) == group.bound
 
 
 def test_a_dual_quaternion_is_the_displacement_that_its_functions_are_of():

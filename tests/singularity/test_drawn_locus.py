@@ -106,13 +106,13 @@ def test_neighbours_are_the_nine_poses_about_a_point_of_the_map():
     )
     for point in ([0.31, 0.79], [0.0, 0.0], [0.11, 0.41]):
         middle = np.round(np.divide(point, poses.cell)) * poses.cell
-        about = locus_on_map._neighbouring_poses(poses, np.array([point]))
+        about, _, is_reached = locus_on_map._neighbouring_poses(poses, np.array([point]))
         near = [
             tuple(x[index])
             for index in np.ndindex(4, 5)
             if reached[index] and (np.abs(x[index] - middle) < 1.1 * poses.cell).all()
         ]
-        assert sorted(map(tuple, about.x[0, about.reached[0]])) == sorted(near)
+        assert sorted(map(tuple, about[0, is_reached[0]])) == sorted(near)
 
 
 def test_a_curve_is_cut_where_it_leaves_the_branch_and_where_an_angle_jumps(monkeypatch):

@@ -88,7 +88,17 @@ class Branch(ReadOnlyArrays):
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
         for start, end in pairwise(steps):
             cubic = np.zeros((SHEET_NODES, robot.nv))
-            cubic[:4] = _cubic_series(robot, origin, start, end)
+            # Chebyshev coefficients (4, nv) of the cubic of offsets between the two poses (K = 1)
+            half_width = 0.5 * float(end.s[0] - start.s[0])
+            u_0, u_1 = (difference(robot, origin, pose.q)[0] for pose in (start, end))
+            slope_0, slope_1 = (  # over the local coordinate, from -1 to 1
+                half_width * difference_rates(robot, origin, pose.q, pose.rate)[0] for pose in (start, end)
+            )
+            mean, half_change = 0.5 * (u_0 + u_1), 0.5 * (u_1 - u_0)
+            # u = c_0 + c_1 t + c_2 (2 t^2 - 1) + c_3 (4 t^3 - 3 t) has these values and slopes at -1 and 1
+            c_2 = 0.125 * (slope_1 - slope_0)
+            c_3 = 0.0625 * (slope_0 + slope_1 - 2.0 * half_change)
+            cubic[:4] = np.stack([mean - c_2, half_change - c_3, c_2, c_3])
             series.append(cubic)
         s = np.concatenate([np.zeros(1), *(panel.s[1:] for panel in panels), *(pose.s for pose in steps[1:])])
         edges = np.array([0.0, *(panel.s[-1] for panel in panels), *(pose.s[0] for pose in steps[1:])])
@@ -150,20 +160,6 @@ class Branch(ReadOnlyArrays):
         for continuation in self.continuations:
             inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])
         return inside
-
-
-def _cubic_series(robot: ParallelRobot, origin: Array, start: BranchPoses, end: BranchPoses) -> Array:
-    """Return Chebyshev coefficients (4, nv) of the cubic of offsets between two poses (K = 1)."""
-    half_width = 0.5 * float(end.s[0] - start.s[0])
-    u_0, u_1 = (difference(robot, origin, pose.q)[0] for pose in (start, end))
-    slope_0, slope_1 = (  # over the local coordinate, from -1 to 1
-        half_width * difference_rates(robot, origin, pose.q, pose.rate)[0] for pose in (start, end)
-    )
-    mean, half_change = 0.5 * (u_0 + u_1), 0.5 * (u_1 - u_0)
-    # u = c_0 + c_1 t + c_2 (2 t^2 - 1) + c_3 (4 t^3 - 3 t), with these values and slopes at t = -1 and 1
-    c_2 = 0.125 * (slope_1 - slope_0)
-    c_3 = 0.0625 * (slope_0 + slope_1 - 2.0 * half_change)
-    return np.stack([mean - c_2, half_change - c_3, c_2, c_3])
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:

@@ -58,15 +58,6 @@ class MotorCurves(NamedTuple):
     log_determinant: Array  # (T,) log |det P|
 
 
-class _Steps(NamedTuple):
-    """Ends of the steps, S of T, whose loops Newton's method closes."""
-
-    rows: IntArray  # (S,) indices among the T steps
-    ends: MotorCurves  # the curves after the steps
-    correction: Array  # (S,) [rad, lengths] by which the predictor was corrected
-    on_branch: BoolArray  # (S,) whether the end is on the branch of the start
-
-
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
     """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n).
 
@@ -100,7 +91,13 @@ def follow_curves(
     Type 2 singularity or where it cannot be followed.
     """
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
-    curves = _begin_curves(robot, start, linearised, turn)
+    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
+    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
+    curves.share[:] = 0.0
+    curves.steps[:] = 0
+    curves.least[:] = curves.clearance
+    curves.largest[:] = curves.clearance
+    curves = curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
 
     # a curve on which no joint moves farther than a corrector may is tried in a single step
     is_short = largest_motion(robot, curves.rate) < BRANCH_CORRECTION
@@ -113,19 +110,19 @@ def follow_curves(
     while len(live):
         current = select(curves, live)
         step[live] = limit_steps(robot, current.rate, step[live])
-        steps = _take_steps(robot, start.q[0], turn[live], current, step[live])
-        rows = live[steps.rows]  # curves whose loops are closed after the step
+        closed, ends, correction, on_branch = _take_steps(robot, start.q[0], turn[live], current, step[live])
+        rows = live[closed]  # curves whose loops are closed after the step
 
         # accept the steps that stay on their branch and pass no singularity
-        is_nearer = steps.ends.clearance < current.clearance[steps.rows]
-        approaching[rows] |= steps.on_branch & is_nearer & (steps.ends.clearance < BRANCHES_MEET)
-        past_meeting = steps.on_branch & approaching[rows] & ~is_nearer
+        is_nearer = ends.clearance < current.clearance[closed]
+        approaching[rows] |= on_branch & is_nearer & (ends.clearance < BRANCHES_MEET)
+        past_meeting = on_branch & approaching[rows] & ~is_nearer
         ended[rows[past_meeting]] = True
-        accepted = steps.on_branch & ~past_meeting
-        assign(curves, rows[accepted], select(steps.ends, accepted))  # changes `curves` in place
+        accepted = on_branch & ~past_meeting
+        assign(curves, rows[accepted], select(ends, accepted))  # changes `curves` in place
 
         # double the steps with small corrections, except the single step of a short curve; halve refused ones
-        grows = rows[accepted & (steps.correction < BRANCH_GROWTH)]
+        grows = rows[accepted & (correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
@@ -136,26 +133,19 @@ def follow_curves(
     return curves
 
 
-def _begin_curves(
-    robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
-) -> MotorCurves:
-    """Return T curves at their common start, with joint rates for the motors' turns `turn` (T, nv)."""
-    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
-    curves.share[:] = 0.0
-    curves.steps[:] = 0
-    curves.least[:] = curves.clearance
-    curves.largest[:] = curves.clearance
-    return curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
-
-
-def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
+def _take_steps(
+    robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array
+) -> tuple[IntArray, MotorCurves, Array, BoolArray]:
     """Take steps of length `step` (T,) in s along the tangents; decide which ends are on their branches.
 
     Args:
         start: configuration (nq,) at s = 0.
         turn: (T, nv) turns of the motors from s = 0 to 1 [rad, m].
         current: the T curves before the steps.
+
+    Returns:
+        The indices (S,) of the steps whose loops close, and of these steps: the curves after them, the
+        corrections of the predictor (S,) [rad, lengths], and whether their ends are on the branch (S,).
     """
     # predict along the tangents, then close the loops
     share = current.share + step
@@ -179,15 +169,17 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     )
 
     # judge each step by its correction, the turn of its tangent, and the sign of det P
-    corrections = difference(robot, predicted[rows], ends.q)
-    measured = measure_steps(robot, corrections, length * starts.rate, length * ends.rate)
+    offsets = difference(robot, predicted[rows], ends.q)
+    correction, is_small, is_straight = measure_steps(
+        robot, offsets, length * starts.rate, length * ends.rate
+    )
     # the tangent may turn only where P is far from losing rank, so that no other branch crosses
-    on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
+    on_branch = is_small & (is_straight | (ends.clearance > BRANCHES_CROSS))
     end_sign = ends.determinant_sign * relative_orientation(starts.bases, ends.bases)
     on_branch &= keeps_sign(
         (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
     )
-    return _Steps(rows, ends, measured.correction, on_branch)
+    return rows, ends, correction, on_branch
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
@@ -234,9 +226,7 @@ def _end_at_turning_points(
     last = select(curves, ending)
     ends = curves_at(robot, ahead.linearised.select(found), last.x)
     ends = ends._replace(
-        share=ahead.share[found],
-        steps=last.steps + 1,
-        largest=np.maximum(last.largest, ends.clearance),
+        share=ahead.share[found], steps=last.steps + 1, largest=np.maximum(last.largest, ends.clearance)
     )
     assign(curves, ending, ends)
     return ending

@@ -362,6 +362,8 @@ class PoseSearch:
 
         dx_along_Z = dx[0] @ Z  # (n, n)
         margins, margin_slopes = self._linearise_margins(q, dx, dc, Z)
+        # the Hessian (n, n) is made definite: its eigenvalues become their sizes, at least RANK_ROUNDING
+        values, vectors = np.linalg.eigh(dx_along_Z.T @ dx_along_Z + 0.5 * (curvature + curvature.T))
         return _Iterate(
             q=q,
             x=x[0],
@@ -369,7 +371,7 @@ class PoseSearch:
             basis=Z,
             gradient=dx_along_Z.T @ e,
             # differences leave the curvature slightly asymmetric
-            hessian=_make_definite(dx_along_Z.T @ dx_along_Z + 0.5 * (curvature + curvature.T)),
+            hessian=(vectors * np.maximum(np.abs(values), RANK_ROUNDING)) @ vectors.T,
             margins=margins,
             margin_slopes=margin_slopes,
             loops=linearised.select(0),
@@ -386,7 +388,18 @@ class PoseSearch:
             dx: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.
             dc: (T, m, f) derivatives of the loops at the same poses.
         """
-        determinants = self._determinants(dx, dc, Z) / self._determinant_sizes  # (T, 2), at q first
+        # Determinants (T, 2) of dx and of dq_a along the motions that the loops allow, in bases with the
+        # orientation of Z. The first is 0 at Type 1, and keeps its sign where the loops lose rank; the second
+        # is 0 at Type 2, and 1 if Type 2 does not matter.
+        Q, _ = np.linalg.qr(dc.swapaxes(1, 2), mode="complete")  # Q (T, f, f)
+        bases = Q[..., dc.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
+        orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
+        bases[..., 0] *= orientations[:, None]
+        values = np.ones((len(dx), 2))
+        values[:, 0] = np.linalg.det(dx @ bases)
+        if self._motors_hold and self.robot.n_a == self.robot.n:
+            values[:, 1] = np.linalg.det(bases[:, : self.robot.n])  # the motors are the first rows
+        determinants = values / self._determinant_sizes  # (T, 2), at q first
         determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # the sign depends on the basis Z
         slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
         margins = np.append(self._range_margins(q), determinants[0] - LEAST_DETERMINANTS)
@@ -410,26 +423,3 @@ class PoseSearch:
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
         return x, dx, self._loop_slopes(linearised)
-
-    def _determinants(self, dx: Array, dc: Array, Z: Array) -> Array:
-        """Compute determinants (T, 2) of dx and of dq_a along the motions that the loops allow.
-
-        dx (T, n, f) and dc (T, m, f) are the derivatives of x and of the loop equations. Bases of these
-        motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and keeps its sign
-        where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not matter.
-        """
-        Q, _ = np.linalg.qr(dc.swapaxes(1, 2), mode="complete")  # Q (T, f, f)
-        bases = Q[..., dc.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
-        orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
-        bases[..., 0] *= orientations[:, None]
-        values = np.ones((len(dx), 2))
-        values[:, 0] = np.linalg.det(dx @ bases)
-        if self._motors_hold and self.robot.n_a == self.robot.n:
-            values[:, 1] = np.linalg.det(bases[:, : self.robot.n])  # the motors are the first rows
-        return values
-
-
-def _make_definite(matrix: Array) -> Array:
-    """Replace eigenvalues of a symmetric matrix (n, n) by |eigenvalue|, at least RANK_ROUNDING."""
-    values, vectors = np.linalg.eigh(matrix)
-    return (vectors * np.maximum(np.abs(values), RANK_ROUNDING)) @ vectors.T

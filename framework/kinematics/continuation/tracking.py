@@ -100,9 +100,6 @@ def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
 
     Returns:
         The loops at the pose (T = 1); the number of poses on the way.
-
-    Raises:
-        OutOfReach, Type1Singularity, UncontrolledMotions: as `track_path`.
     """
     reference = robot.reference
     if _is_near_reference(robot, x):
@@ -243,9 +240,6 @@ def _follow_to_end(robot: ParallelRobot, path: Path, pose: LinearisedLoops, subj
     """Follow the whole path from a pose (T = 1) at s = 0.
 
     `subject` is the name of the path in errors.
-
-    Raises:
-        OutOfReach, Type1Singularity, UncontrolledMotions: the branch ends early.
     """
     followed = follow_path(robot, path, pose, to_the_end=True)
     if not followed.complete:

@@ -137,10 +137,6 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     Returns:
         The robot; the residual [m or rad] near the file's reference, None if the loops close there; the
         remarks on the pose.
-
-    Raises:
-        NotAssembled: the loops do not close near the reference, and the search finds no other pose.
-        SingularReference: the loops are nearly singular both at the reference and beside it.
     """
     gap = None
     remarks = list[str]()
@@ -219,8 +215,8 @@ def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformA
         )
     if robot.n_a > freedoms:
         yield (
-            f"{robot.n_a} actuators for {freedoms} degrees of freedom: torques will be those of least norm; "
-            f"drop actuators if that is not meant"
+            f"{robot.n_a} actuators for {freedoms} degrees of freedom: torques will be those of least norm, "
+            f"or others within the limits (torque_sharing); drop actuators if that is not meant"
         )
     if mobility.loose:
         yield (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,20 +20,16 @@ class _Body(NamedTuple):
 
 def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
     """Yield remarks on bodies whose sizes, masses or inertias suggest another unit."""
-    bodies = moving_bodies(robot)
-    yield from _remarks_on_sizes(bodies)
-    yield from _remarks_on_masses(bodies)
-
-
-def _remarks_on_sizes(bodies: Mapping[str, _Body]) -> Iterator[str]:
-    """Yield remarks on lengths and inertias of bodies that seem to be in another unit."""
     small_link = 1e-3  # [m] length of the longest link, below which its unit is doubted
     large_link = 20.0  # [m] the same, above which it is doubted
     gyration_ratio = 5.0  # radius of gyration over the size of a part; at most 2.4 in the catalogue
     small_part = 0.2  # least size assumed for a part, over the longest link: it may lack frames
+    light_part = 1e-6  # mass of a part over that of the heaviest part
+    heavy_part = 1e5  # [kg]
+    bodies = moving_bodies(robot)
     longest = max((body.size for body in bodies.values()), default=1.0)  # 0 if only slides move
     if longest and not small_link < longest < large_link:
-        yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
+        yield f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit"
     for name, body in bodies.items():
         assumed_size = max(body.size, small_part * longest)
         if longest and body.gyration > gyration_ratio * assumed_size:
@@ -41,15 +37,9 @@ def _remarks_on_sizes(bodies: Mapping[str, _Body]) -> Iterator[str]:
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
             )
-
-
-def _remarks_on_masses(bodies: Mapping[str, _Body]) -> Iterator[str]:
-    """Yield remarks on bodies without mass, and on masses that seem to be in another unit."""
-    light_part = 1e-6  # mass of a part over that of the heaviest part
-    heavy_part = 1e5  # [kg]
     heaviest = max((body.mass for body in bodies.values()), default=0.0)
     if heaviest == 0.0:
-        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
+        yield "no link has a mass: all torques will be those of the rotors; add <inertial>"
     for name, body in bodies.items():
         if 0 < body.mass < light_part * heaviest:
             yield (
@@ -57,7 +47,7 @@ def _remarks_on_masses(bodies: Mapping[str, _Body]) -> Iterator[str]:
                 f"the wrong unit? Leave <inertial> out for a massless part"
             )
     if heaviest > heavy_part:
-        yield (f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
+        yield f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit"
 
 
 def moving_bodies(robot: Mechanism) -> dict[str, _Body]:

@@ -156,9 +156,6 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     """Choose motors at a closed pose, then the first platform that the motors drive.
 
     Frames are tried first, then, if `by_joints`, positions of joints.
-
-    Raises:
-        RobotFileError: nothing can be proposed.
     """
     if not motions.freedoms:
         raise _no_freedom_error(motions, partial)
@@ -204,7 +201,15 @@ def _choose_motors(motions: LoopMotions, partial: PartialRobot) -> PartialRobot:
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
-        motors = _choose_driving_joints(motions, partial.tree)
+        # joints whose rates determine the motions that move a mass or a motor: first those that the file
+        # suggests as motors, then those nearest to the base
+        by_depth = sorted(
+            partial.tree.movable,
+            key=lambda name: len(partial.tree.path_to_base(partial.tree.joints[name].child)),
+        )
+        suggested = [name for name in partial.tree.likely_motors if name in by_depth]
+        without_repetitions = dict.fromkeys([*suggested, *by_depth])
+        motors = motions.choose_independent(motions.working, without_repetitions)
         actuators = tuple(map(Actuator, motors))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
     elif partial.chooses_motors and len(actuators) > motions.freedoms:
@@ -247,14 +252,7 @@ def _advise_on_parts(partial: PartialRobot) -> str:
         is_part = 1 < carried_motors < len(motor_paths) and has_whole_loops
         if is_part and partial.is_answered(base=joint.child):
             return f"take a part of the robot (such as --base {joint.child}), "
-    return _advise_on_other_loops(partial)
-
-
-def _advise_on_other_loops(partial: PartialRobot) -> str:
-    """Return advice to lock all loops that share no joint with the first loop; empty without any.
-
-    If such loops have motors, it is enough to lock these.
-    """
+    # to lock all loops that share no joint with the first one; if they have motors, these are enough
     tree, description = partial.tree, partial.description
     # each group: joints of loops that share joints, directly or through others; no group without closures
     groups = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures)
@@ -274,25 +272,11 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
     return [joint.name for chain in chains for joint in chain]
 
 
-def _choose_driving_joints(motions: LoopMotions, tree: UrdfTree) -> list[str]:
-    """Choose joints whose rates determine the motions that move a mass or a motor.
-
-    Joints that the file suggests as motors come first, then those nearest to the base.
-    """
-    by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
-    suggested = [name for name in tree.likely_motors if name in by_depth]
-    without_repetitions = dict.fromkeys([*suggested, *by_depth])
-    return motions.choose_independent(motions.working, without_repetitions)
-
-
 def _choose_best_motors(motions: LoopMotions, partial: PartialRobot) -> list[str]:
     """Choose as many of the file's motors as freedoms, with the best conditioned rates.
 
     Conditioned best are the rates with the largest least singular value. Beyond `max_choices` sets of motors,
     pivoting chooses.
-
-    Raises:
-        RobotFileError: two choices are equally good.
     """
     max_choices = 20_000
     names = partial.description.motor_joints

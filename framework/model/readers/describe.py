@@ -125,7 +125,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         lock_outside_base(tree, options.base, reference)
     apply_locks(tree, options.locked, reference)
     tree.fix_coupled_joints()
-    loops = [closure for closure in tree.closures if _is_moving(tree, closure)]
+    loops = [closure for closure in tree.closures if _is_moving(tree, closure.frames)]
     if not loops and not tree.couplings:
         raise _no_loop_error(options, tree.closures)
 
@@ -139,6 +139,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         actuators=actuators,
         closures=tuple(loops),
         couplings=tuple(tree.couplings),
+        line_springs=tuple(spring for spring in tree.line_springs if _is_moving(tree, spring.between)),
         joints=_moving_dynamics(tree),
         gravity=tree.gravity,
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
@@ -156,11 +157,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
 
 
 def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
-    """Return the closure of `--close FRAME FRAME KIND [AXIS or LENGTH]`.
-
-    Raises:
-        RobotFileError: the words are too few or too many, or one of them is not valid.
-    """
+    """Return the closure of `--close FRAME FRAME KIND [AXIS or LENGTH]`."""
     where = f"--close {' '.join(words)}"
     if len(words) not in (3, 4):
         raise RobotFileError(f"{where}: needs FRAME FRAME KIND, and an axis or a length of some kinds")
@@ -186,7 +183,7 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
         file: that was read, from whose folder paths start.
         packages: NAME=FOLDER each.
     """
-    folders: dict[str, str] = {}
+    folders = {"": os.fspath(file.parent)}  # some exporters write package:///FILE
     for word in packages:
         name, equals, folder = word.partition("=")
         if not equals or not os.path.isdir(folder):
@@ -211,9 +208,9 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
         tree.remarks.append(f"meshes not found, and not drawn: {len(missing)}, such as {missing[0]}{hint}")
 
 
-def _is_moving(tree: UrdfTree, closure: Closure) -> bool:
-    """Return whether a joint moves between the two frames of a closure."""
-    first, second = closure.frames
+def _is_moving(tree: UrdfTree, frames: tuple[str, str]) -> bool:
+    """Return whether a joint moves between two frames."""
+    first, second = frames
     return any(tree.moving_chains(tree.link_of(first), tree.link_of(second)))
 
 

@@ -4,10 +4,10 @@ The reader takes from the compiled model: bodies with hinge, slide, ball and fre
 these joints; sites as frames; primitive geoms as shapes; flags; motors on joints or fixed tendons, with gear,
 limits, armature and damping; the first keyframe as the reference (else the zero pose). Of `<equality>`,
 connect is a spherical closure, weld is a fixed one, joint and tendon are couplings (polynomials of joints)
-or fix a joint, and a spatial tendon between two sites that is held at its length is a distance closure.
-MuJoCo resolves anchors at the zero pose. Other forces (spatial tendons, muscles, gravity compensation) are
-reported by name; contact, sensors, cameras and the shapes of meshes are ignored. The file says nothing about
-the platform.
+or fix a joint, and a spatial tendon between two sites that is held at its length is a distance closure; one
+with stiffness or damping is a spring between points. MuJoCo resolves anchors at the zero pose. Other forces
+(other spatial tendons, muscles, gravity compensation) are reported by name; contact, sensors, cameras and the
+shapes of meshes are ignored. The file says nothing about the platform.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from framework.model.description import (
     MAX_TERMS,
     Closure,
     JointDynamics,
+    LineSpring,
     ParsedRobot,
     Polynomial,
     Product,
@@ -391,16 +392,26 @@ class _Model:
             self.tree.transmissions.append(motor)
 
     def _read_tendon(self, k: int) -> None:
-        """Read the dynamics of tendon k; a spatial tendon is not read."""
+        """Read the dynamics of tendon k; of a spatial one its spring and damper between two sites."""
         model = self.compiled
         arms = self._moment_arms("tendon", k)
         if arms is None:
+            self.tree.line_springs += filter(None, [self._line_spring(k)])
             return
         low, high = model.tendon_lengthspring[k]
         rest = low - model.tendon_length0[k] if low == high else None  # slack from low to high: not read
         dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _DYNAMICS_FIELDS), rest)
         where = f"tendon {self.name('tendon', k)!r}"
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))
+
+    def _line_spring(self, k: int) -> LineSpring | None:
+        """Return the spring of a spatial tendon k between two sites; None for others, and with slack."""
+        model, ends = self.compiled, self._ends_of_tendon(k)
+        stiffness, damping = float(model.tendon_stiffness[k]), float(model.tendon_damping[k])
+        low, high = model.tendon_lengthspring[k].tolist()
+        if ends is None or not (stiffness or damping) or (stiffness and low != high):
+            return None
+        return LineSpring(ends, stiffness, low if stiffness else 0.0, damping, self.name("tendon", k) or "")
 
     def _force_limit(self, k: int, gear: float) -> float | None:
         """Return the least symmetric force limit [N m, N] of motor k, before its gear; None without one."""
@@ -449,11 +460,12 @@ class _Model:
                 self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
 
     def _unread_effects_of_tendon(self, k: int) -> list[str]:
-        """List the unread effects of tendon k: all of a spatial one, slack, ranges."""
+        """List the unread effects of tendon k: most of a spatial one, slack, ranges."""
         model = self.compiled
         effects = []
         if self._moment_arms("tendon", k) is None:
-            for key in _DYNAMICS_FIELDS:
+            read = ("stiffness", "damping") if self._line_spring(k) else ()
+            for key in [field for field in _DYNAMICS_FIELDS if field not in read]:
                 if value := getattr(model, f"tendon_{key}")[k]:
                     effects.append(f"{key} {value:g}")
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):

@@ -297,12 +297,7 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
 
 
-def _compile(
-    spec: Any,
-    *,
-    stand_in_mass: float = 1e-12,  # [kg] for bodies without mass; MuJoCo refuses less than 1e-15
-    stand_in_inertia: float = 1e-14,  # [kg m^2]
-) -> tuple[Any, list[UnreadElement]]:
+def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
     """Compile a specification without the meshes that MuJoCo refuses.
 
     Bodies without mass get small stand-ins for the compilation, since MuJoCo refuses them.
@@ -310,6 +305,8 @@ def _compile(
     Returns:
         The compiled model, and the refused meshes as decisive unread elements.
     """
+    stand_in_mass = 1e-12  # [kg] for bodies without mass; MuJoCo refuses less than 1e-15
+    stand_in_inertia = 1e-14  # [kg m^2]
     least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia  # as the file states
     spec.compiler.boundmass = max(least_mass, stand_in_mass)
     spec.compiler.boundinertia = max(least_inertia, stand_in_inertia)

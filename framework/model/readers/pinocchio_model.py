@@ -20,10 +20,9 @@ from framework.errors import InvalidInput, expect, finite_numbers
 from framework.model.description import AXES, ParsedRobot, kinds_with_length
 from framework.model.robot_file import describe_tree
 from framework.model.urdf_edits import NewJoint, add_frame, free_name, inertial_element, joint_element
-from framework.model.urdf_elements import COORDINATE_SUFFIXES
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, ENDLESS, UNIVERSE
 from framework.numerics.arrays import ArrayLike
 
-ROOT = "universe"  # pinocchio's name of what does not move
 _SEVERAL = {"JointModelSpherical": "spherical", "JointModelFreeFlyer": "floating"}
 _CONTACTS = {pin.ContactType.CONTACT_3D: list(AXES[:3]), pin.ContactType.CONTACT_6D: list(AXES)}
 
@@ -69,14 +68,14 @@ def _urdf_of(model: pin.Model, name: str) -> Element:
     root = Element("robot", name=name)
     joints = list(model.names[1:])
     taken = {frame.name for frame in model.frames} | set(joints)
-    bodies = [ROOT, *(free_name(f"{joint}_body", taken) for joint in joints)]
+    bodies = [UNIVERSE, *(free_name(f"{joint}_body", taken) for joint in joints)]
     for body, inertia in zip(bodies, model.inertias, strict=True):
         link = SubElement(root, "link", name=body)
-        if inertia.mass > 0.0 and body != ROOT:
+        if inertia.mass > 0.0 and body != UNIVERSE:
             link.append(inertial_element(inertia.mass, inertia.lever, inertia.inertia))
     for j, joint in enumerate(_joints(model), start=1):
         root.append(joint_element(joint, bodies[model.parents[j]], bodies[j]))
-    written = {*joints, ROOT}
+    written = {*joints, UNIVERSE}
     for frame in model.frames:
         if frame.name not in written:
             written.add(frame.name)
@@ -108,8 +107,8 @@ def _joints(model: pin.Model) -> Iterator[NewJoint]:
             yield NewJoint(name, "continuous", origin, angular)
             continue
         k = joint.idx_q
-        limits = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
-        stated = limits if np.all(np.isfinite(limits)) and max(np.abs(limits)) < 1e10 else None
+        limits = np.clip((model.lowerPositionLimit[k], model.upperPositionLimit[k]), -ENDLESS, ENDLESS)
+        stated = None if np.isnan(limits).any() or min(np.abs(limits)) == ENDLESS else tuple(limits.tolist())
         kind = "prismatic" if linear.any() else "revolute"
         yield NewJoint(name, kind, origin, linear if linear.any() else angular, stated)
 
@@ -156,10 +155,7 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
     links = [str(link.get("name")) for link in root.findall("link")]  # universe, then one for each joint
     taken, name = set(links), given.name or f"loop_{index}"
     frames: list[str] = []
-    for joint, pose in (
-        (given.joint1_id, given.joint1_placement),
-        (given.joint2_id, given.joint2_placement),
-    ):
+    for joint, pose in ((given.joint1_id, given.joint1_placement), (given.joint2_id, given.joint2_placement)):
         frames.append(free_name(f"{name}_{len(frames) + 1}", taken))
         add_frame(root, frames[-1], links[joint], pose.homogeneous)
     return {"name": name, "frames": frames, "axes": _CONTACTS[given.type]}

@@ -37,6 +37,12 @@ _USD_REFUSAL = (
     "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
     "there the loops that they cut"
 )
+_OTHER_FILES = {  # what a file is, by how it begins in lower case
+    "#usda": _USD_REFUSAL,
+    "version https://git-lfs": "a pointer of Git LFS: `git lfs pull` in its repository fetches the file",
+    "<!doctype html": "a page of HTML: download the file itself",
+    "<html": "a page of HTML: download the file itself",
+}
 _LIST_OPTIONS = ("axes", "motors", "platform_joints")  # options that are lists of names
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")  # of our robot file
 
@@ -85,9 +91,15 @@ def parse_any(
     if os.path.isdir(path):
         path = _find_pair(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
-    if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz") or text.startswith("#usda"):
+    if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz"):
         raise RobotFileError(f"{path}: {_USD_REFUSAL}")
-    is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
+    beginning = text.lstrip(LEADING_BLANKS)[:99].lower()
+    if not beginning:
+        raise RobotFileError(f"{path}: is empty")
+    for start, words in _OTHER_FILES.items():
+        if beginning.startswith(start):
+            raise RobotFileError(f"{path}: {words}")
+    is_xml = beginning.startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with prefix_errors(path):
@@ -102,10 +114,6 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     """Read an XML file, whose content is `text`, with the reader of its root element.
 
     Errors begin with the line of the element that they name.
-
-    Raises:
-        MissingPackage: the reader needs a package that is not installed.
-        RobotFileError: the root element is unknown, or the reader refuses the file.
     """
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
@@ -197,11 +205,7 @@ def _find_urdf(path: Path) -> Path:
 
 
 def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
-    """Complete a robot of our own file by the options.
-
-    Raises:
-        RobotFileError: options say what the file itself says; or options name what the robot does not have.
-    """
+    """Complete a robot of our own file by the options."""
     said_by = {
         "--base": (options.base, "the key locked"),
         "--lock": (options.locked, "the key locked"),

@@ -28,12 +28,7 @@ import numpy as np
 
 from framework.errors import RobotFileError, check_name
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
-from framework.model.documents import (
-    attribute,
-    parse_axis,
-    parse_numbers,
-    prefix_errors,
-)
+from framework.model.documents import attribute, parse_axis, parse_numbers, prefix_errors
 from framework.model.placement import invert_placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf_scope import (
@@ -49,7 +44,7 @@ from framework.model.readers.sdf_scope import (
 )
 from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
 from framework.model.urdf_edits import NewJoint, chain_elements, inertial_element, visual_element
-from framework.model.urdf_elements import SIZES_OF_SHAPES, symmetric_matrix
+from framework.model.urdf_elements import ENDLESS, SIZES_OF_SHAPES, parse_limit, symmetric_matrix
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 
@@ -140,6 +135,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     tree_names = _choose_tree_joints(scope, joints)
     tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
     tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED_TAGS})  # += drops zeros
+    tree.unused -= Counter({"<plugin>": sum(bool(joint.get("optional")) for joint in scope.joints.values())})
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
@@ -414,26 +410,16 @@ def _make_link(scope: Scope, name: str) -> Element:
     return link
 
 
-def _read_limits(
-    joint: Element,
-    name: str,
-    tag: str,
-    *,
-    unlimited: float = 1e15,  # [rad, m] limits of this size or more mean no limit
-) -> tuple[float, float] | None:
-    """Read lower and upper limit [rad, m] along the axis in the element `tag`; None if one is unlimited."""
+def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
+    """Read lower and upper limit [rad, m] along the axis in the element `tag`; None without limits."""
     where = f"joint {name!r}"
-    limits: list[float] = []
-    for end, default in (("lower", "-inf"), ("upper", "inf")):
-        text = joint.findtext(f"{tag}/limit/{end}", default).lower()
-        text = text.replace("inf", f"{unlimited:g}")
-        limits += parse_numbers(f"{where}: <{end}>", text, 1, largest=np.inf)  # some write 1.8e308
-    lower, upper = limits
-    if max(abs(lower), abs(upper)) >= unlimited:
-        return None
+    lower, upper = (
+        parse_limit(f"{where}: <{end}>", joint.findtext(f"{tag}/limit/{end}", default))
+        for end, default in (("lower", "-inf"), ("upper", "inf"))
+    )
     if lower > upper:
         raise RobotFileError(f"{where}: <limit>: needs lower <= upper, got {lower:g} and {upper:g}")
-    return lower, upper
+    return None if (lower, upper) == (-ENDLESS, ENDLESS) else (lower, upper)
 
 
 def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:

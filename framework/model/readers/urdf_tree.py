@@ -20,6 +20,7 @@ from framework.model.description import (
     Closure,
     Coupling,
     JointDynamics,
+    LineSpring,
     Polynomial,
     lock_couplings,
     locked_axes,
@@ -98,9 +99,6 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
     """Remove top-level elements whose tags are not `valid`, and attributes of other programs.
 
     Return the counts of unused elements by tag.
-
-    Raises:
-        RobotFileError: an element is misspelled, or a xacro macro is not expanded.
     """
     _remove_xacro_definitions(root)
     unused = Counter[str]()
@@ -121,17 +119,12 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
 
 
 def _remove_xacro_definitions(root: Element) -> None:
-    """Remove xacro definitions, which may remain in expanded files.
-
-    Raises:
-        RobotFileError: a macro or a value is not expanded; the message has the command to do so.
-    """
+    """Remove xacro definitions, which may remain in expanded files."""
     arguments = ""
     for element in list(root):
-        tag = local_name(element.tag)
-        if _is_xacro(element) and tag in ("property", "arg", "macro"):
+        if _is_xacro_definition(element):
             root.remove(element)
-            if tag == "arg":
+            if local_name(element.tag) == "arg":
                 arguments += f" {element.get('name')}:={element.get('default')}"
     for element in root.iter():
         values = " ".join(element.attrib.values())
@@ -139,16 +132,6 @@ def _remove_xacro_definitions(root: Element) -> None:
             raise RobotFileError(
                 f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
             )
-
-
-def _take_out(root: Element, tags: Sequence[str]) -> list[Element]:
-    """Remove the top-level elements with some local tags; return the elements, without namespaces."""
-    elements = [element for element in root if local_name(element.tag) in tags]
-    for element in elements:
-        root.remove(element)
-        for part in element.iter():
-            part.tag = local_name(part.tag)
-    return elements
 
 
 def _read_reductions(parts: Iterable[Element], where: str) -> dict[str, float]:
@@ -170,11 +153,7 @@ def _read_reductions(parts: Iterable[Element], where: str) -> dict[str, float]:
 
 
 def _select_tree(root: Element, base: str | None) -> None:
-    """Remove the links and joints that no joint connects with the link `base`.
-
-    Raises:
-        RobotFileError: there are several trees, and `base` is in none.
-    """
+    """Remove the links and joints that no joint connects with the link `base`."""
     ends = {}  # the two links of each joint, by its element
     for joint in root.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
@@ -232,6 +211,11 @@ def _is_xacro(element: Element) -> bool:
     return "xacro" in element.tag.partition("}")[0]
 
 
+def _is_xacro_definition(element: Element) -> bool:
+    """Return whether an element defines what xacro expands elsewhere."""
+    return _is_xacro(element) and local_name(element.tag) in ("property", "arg", "macro")
+
+
 def _unused_parts(element: Element, tag: str) -> Iterator[str]:
     """Yield the tags that are not read: of an element with this local `tag`, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
@@ -275,7 +259,8 @@ class UrdfTree(Tree):
         """
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
-        if root.find("link") is None and any(map(_is_xacro, root)):
+        is_part = not root.get("name") or all(map(_is_xacro_definition, root))  # of a robot
+        if root.find("link") is None and any(map(_is_xacro, root)) and is_part:
             raise RobotFileError(
                 "<robot>: has xacro definitions and no link: expand the file that includes it, and give the "
                 "result: xacro FILE > OUT"
@@ -286,7 +271,12 @@ class UrdfTree(Tree):
             SubElement(root, "link", name="world")
         self.root = root
         self.unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
-        self.extra = _take_out(root, extra)  # the dialect's own elements
+        # the dialect's own top-level elements, without namespaces
+        self.extra = [element for element in root if local_name(element.tag) in extra]
+        for element in self.extra:
+            root.remove(element)
+            for part in element.iter():
+                part.tag = local_name(part.tag)
         _select_tree(root, base)
         self.remarks: list[str] = [*filter(None, map(_repair_rounded_inertia, root.findall("link")))]
         # the two ways in which ROS declares motors
@@ -321,6 +311,7 @@ class UrdfTree(Tree):
         # the content of the file beside the tree
         self.closures: list[Closure] = []
         self.couplings: list[Coupling] = []
+        self.line_springs: list[LineSpring] = []
         self.transmissions: list[Transmission] = []
         self.likely_motors: list[str] = []
         self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
@@ -367,11 +358,7 @@ class UrdfTree(Tree):
     # -------------------------------------------------------------- edits
 
     def close(
-        self,
-        name: str,
-        locked: Names,
-        ends: Iterable[tuple[str, str, Array]],
-        axes: Sequence[Array] = (),
+        self, name: str, locked: Names, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
     ) -> None:
         """Add a closure with `locked` axes between two ends.
 

@@ -161,10 +161,10 @@ def _search_smooth(
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
-            smooth = search.find_smooth(similar)
+            search, smooth = search.find_smooth(similar)
             is_least_known = search.program is program_of_least
             if isinstance(smooth, NoneFound) and is_least_known and similar is not None:
-                smooth = search.find_smooth()
+                search, smooth = search.find_smooth()
             if isinstance(smooth, Speed):
                 # keep the law; add rows where it exceeds limits between the points
                 best = _make_best(search, smooth)
@@ -193,7 +193,7 @@ def _search_smooth(
 
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
-    """Make the law of a speed, adjusted to the required duration, if any.
+    """Make the law of a speed, adjusted to the required instants, if any.
 
     Args:
         search: the search that found the speed.
@@ -204,17 +204,17 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     """
     program = search.program
     specification = program.problem.specification
-    duration = specification.duration
+    instants = program.problem.instants
     y = speed.y
-    if duration is not None:
-        y = program.space.adjust(y, program.conditions, duration)
+    if len(instants.times):
+        y = program.space.adjust(y, program.conditions, instants)
     stretch = program.problem.task.stretch
     law = OptimalLaw(
         y,
         specification.smoothness,
-        duration or 0.0,
+        specification.duration or 0.0,
         stretch.dense_at,
         tuple(program.basis.cells),
         specification.ends.moving,
     )
-    return Best(law, search, program.evaluate_speed(y)._replace(floor=speed.floor))
+    return Best(law, search, program.evaluate_speed(y, speed.x)._replace(floor=speed.floor))

@@ -236,20 +236,20 @@ class DualProgram:
         """
         series = self.series
         width = series.width
-        m = series.v.error.shape[2]  # number of torques
+        unknowns, m = series.v.error.shape[1:]  # number of functions x_i and of torques
         count = len(width) * SIZE  # number of coefficients of a function on all cells
 
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
         draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
         start_z, goal_z = self.end_z
-        p_ends = self._x_coefficients[[0, -m]].toarray()  # p at the start and at the goal
+        p_ends = self._x_coefficients[[0, -unknowns]].toarray()  # p at the start and at the goal
         draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c - [-start_z, goal_z] @ p_ends
 
         # the factor nu . cz - p'
         nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
-        cell_slope = np.kron(slope, np.eye(1, m))  # on the coefficients of all x_i on a cell
+        cell_slope = np.kron(slope, np.eye(1, unknowns))  # on the coefficients of all x_i on a cell
         p_slope = kron(eye_array(len(width)), cell_slope, format="csr") @ self._x_coefficients
         draft.factor["x"] = nu_cz - p_slope
 
@@ -421,7 +421,7 @@ class DualProgram:
         x_0 is continuous: neighbouring cells share the unknown at their common edge. The other x_i have
         unknowns of their own on each cell. The matrix contains the units of the unknowns.
         """
-        count, m = len(self.series.width), self.series.v.error.shape[2]
+        count, m = len(self.series.width), self.series.v.error.shape[1]
         size = MULTIPLIER_DEGREE + 1
         # indices of the unknowns of x_0 (k, size), and after them of the other x_i
         continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(size)

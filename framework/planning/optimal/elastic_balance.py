@@ -40,24 +40,25 @@ def find_law_in_balance(
     task: Task,
     law: OptimalLaw,
     previous: KnownDeflections | None,
-    speed_places: Sequence[float] | None = None,
+    places: Sequence[float] | None = None,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
         law: the law near which the result is sought.
         previous: deflections of a similar law, from which the search begins.
-        speed_places: s at which the law has the required speeds; by default the crossing points.
+        places: s of the required times and speeds; by default the crossing points.
 
     Raises:
         NotConverged: there is no such law near the given one.
     """
     points = find_crossing_points(task)
-    problem = problem_of(task, points, speed_places)
+    problem = problem_of(task, points, places)
     if law.basis.is_spline:
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
     conditions = condition_rows(problem, law.basis)
+    instants = problem.instants_until(law.duration)
     # values of all conditions; those on required speeds and on ends in motion are set to what is required
     values = conditions.matrix @ law.coefficients
     values[len(points) :] = -conditions.offset[len(points) :]
@@ -67,7 +68,7 @@ def find_law_in_balance(
         targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
         try:
             equalities = Affine(conditions.matrix, -targets)
-            y = space.adjust(law.coefficients, equalities, law.duration, relative=True)
+            y = space.adjust(law.coefficients, equalities, instants, relative=True)
             shifted = replace(law, coefficients=y)
         except InvalidInput:
             raise _no_law_near(task) from None
@@ -99,7 +100,8 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     y = np.asarray(np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0], dtype=float)
     space = SpeedSpace(basis, law.stretch)
     try:
-        y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)
+        instants = problem.instants_until(law.duration)
+        y = space.adjust(y, condition_rows(problem, basis), instants, relative=True)
         return replace(law, coefficients=y, cells=ONE_CELL)
     except InvalidInput:
         raise _no_law_near(problem.task) from None

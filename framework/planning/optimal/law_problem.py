@@ -17,11 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.dynamics.motor_friction import speed_signs
+from framework.dynamics.torque_distribution import (
+    InternalSplines,
+    internal_frames,
+    internal_rows,
+    least_peak_torques,
+)
 from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.law import compose_derivatives
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import HIGHEST_ORDER
-from framework.laws.squared_speed import ONE_CELL, SpeedBasis
+from framework.laws.squared_speed import ONE_CELL, Instants, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
@@ -37,6 +43,7 @@ class LawProblem(NamedTuple):
     """The search for a law: a task with conditions at `crossings`, sigma (k,).
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
+    stops: sigma at which the required times of crossings, if any, must hold.
     z0: the squared speed about which damping is linearised; None leaves damping out.
     sampled: the motors' torques and speeds along the path as series, if these resolve them.
     chosen_reference: overrides the `reference` that follows from the limits.
@@ -49,6 +56,7 @@ class LawProblem(NamedTuple):
     task: Task
     crossings: Array
     conditions: Array
+    stops: tuple[float, ...] = ()
     z0: SquaredSpeed | None = None
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
@@ -77,6 +85,29 @@ class LawProblem(NamedTuple):
     def specification(self) -> Specification:
         return self.task.specification
 
+    def internal_frames(self, splines: InternalSplines) -> Array | None:
+        """Compute frames (n, n_a, r) of internal torques at the centres of n splines; None without any.
+
+        The r columns of a frame are an orthonormal basis of the torques that move nothing.
+
+        Args:
+            splines: on cells of xi.
+        """
+        if not self.specification.shares_freely or self.response is not None:
+            return None
+        projectors = self.demand(self.sigma(splines.centres)).internal
+        assert projectors is not None
+        return internal_frames(projectors, self.task.robot.n_a - self.task.robot.n)
+
+    def least_peak(self, torques: Array, xi: Array) -> Array:
+        """Return torques (M, n_a) [N m] at xi (M,), of least peak over the limits if shared freely."""
+        if not self.specification.shares_freely or self.response is not None:
+            return torques
+        projectors = self.demand(self.sigma(xi)).internal
+        assert projectors is not None
+        robot = self.task.robot
+        return least_peak_torques(torques, projectors, self.specification.torque_limit, robot.n_a - robot.n)
+
     def with_goal(self, goal: str, **changes: Any) -> LawProblem:
         """Return the problem with another goal, and other `changes` of its specification except limits.
 
@@ -84,6 +115,34 @@ class LawProblem(NamedTuple):
         """
         task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
+
+    @property
+    def instants(self) -> Instants:
+        """The required instants of crossings, and the duration if it is required."""
+        return self.instants_until(self.specification.duration)
+
+    def instants_until(self, duration: float | None) -> Instants:
+        """Return the required instants of crossings, and a duration [s] unless None."""
+        return Instants.of(self.stops, self.specification.times, duration)
+
+    @property
+    def stages(self) -> Array:
+        """The durations (m,) [s] between required instants; the last is infinite if the end is open."""
+        specification = self.specification
+        end = np.inf if specification.duration is None else specification.duration
+        return np.diff([0.0, *specification.times, end])
+
+    def bound_stages(self, longest: float | None) -> Array | None:
+        """Return bounds (m,) [s] of the stages in a law that takes at most `longest`; None without any."""
+        bounds = self.stages
+        if longest is not None:
+            bounds[-1] = min(bounds[-1], longest - sum(self.specification.times[-1:]))
+        return bounds if np.isfinite(bounds).any() else None
+
+    @property
+    def stop_xi(self) -> Array:
+        """The parameter xi of each required instant inside the path."""
+        return self.task.stretch(np.array(self.stops))
 
     @property
     def crossing_xi(self) -> Array:
@@ -103,9 +162,7 @@ class LawProblem(NamedTuple):
         """
         if self.chosen_reference is not None:
             return self.chosen_reference
-        limit = self.specification.torque_limit
-        is_limited = self.specification.limited_motors
-        return np.where(is_limited, limit, limit[is_limited].max(initial=0.0) or 1.0)
+        return self.specification.reference
 
 
 class MotorRows(NamedTuple):
@@ -113,24 +170,34 @@ class MotorRows(NamedTuple):
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
     squared_speed: tuple[SparseRows, ...]  # (M, n) of each motor with a speed limit, over the squared limit
+    internal: tuple[SparseRows, ...] = ()  # of each redundant motor, (M, n r) on coefficients x (n r,) [N m]
+
+    def torques(self, y: Array, x: Array) -> list[Array]:
+        """Compute the torque (M,) [N m] of each motor from coefficients y (n,) and x (n r,)."""
+        torques = [torque(y) for torque in self.torque]
+        if not self.internal:
+            return torques
+        return [torque + rows @ x for torque, rows in zip(torques, self.internal, strict=True)]
 
     def combine(self, weights: Array) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
         torque = tuple(
             Affine(SparseRows.of(weights @ matrix), weights @ offset) for matrix, offset in self.torque
         )
-        return MotorRows(torque, tuple(SparseRows.of(weights @ matrix) for matrix in self.squared_speed))
+        others = (self.squared_speed, self.internal)
+        return MotorRows(torque, *(tuple(SparseRows.of(weights @ rows) for rows in part) for part in others))
 
-    def largest_limit_ratio(self, y: Array, allowed: Array) -> Array:
+    def largest_limit_ratio(self, y: Array, x: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
 
         A ratio above 1 exceeds a limit.
 
         Args:
             y: (n,) coefficients of z.
+            x: (n r,) coefficients of internal torques [N m].
             allowed: (n_a,) torques [N m].
         """
-        ratios = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
+        ratios = [np.abs(torque) / limit for torque, limit in zip(self.torques(y, x), allowed, strict=True)]
         ratios += [rows @ y for rows in self.squared_speed]
         return np.asarray(np.max(ratios, axis=0))
 
@@ -138,9 +205,11 @@ class MotorRows(NamedTuple):
         """Return the rows, with the rows of `other` below."""
         torques = zip(self.torque, other.torque, strict=True)
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
+        internal = zip(self.internal, other.internal, strict=True)
         return MotorRows(
             tuple(_stack_affine(upper, lower) for upper, lower in torques),
             tuple(upper.append(lower) for upper, lower in speeds),
+            tuple(upper.append(lower) for upper, lower in internal),
         )
 
 
@@ -149,7 +218,9 @@ def _stack_affine(upper: Affine, lower: Affine) -> Affine:
     return Affine(upper.matrix.append(lower.matrix), np.append(upper.offset, lower.offset))
 
 
-def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
+def motor_rows(
+    problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array, frames: Array | None
+) -> MotorRows:
     """Compute rows of torques and squared speeds at xi (M,), without poles.
 
     No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
@@ -158,6 +229,7 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     Args:
         basis: the functions of xi whose combination is z.
         conditions: rows (k, n) of the conditions on the law, which serve to remove the poles.
+        frames: `LawProblem.internal_frames` on the cells of the basis.
     """
     if problem.response is not None:
         return _rows_of_response(problem.response, problem.specification, basis, xi)
@@ -174,7 +246,12 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
         matrix = z.scale(motor_cz) + u.scale(motor_cu)
         torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
-    return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
+    speeds = _squared_speed_rows(required.speed, problem.specification, z)
+    if frames is None:
+        return MotorRows(tuple(torques), speeds)
+    assert required.internal is not None
+    internal = InternalSplines(basis.cells).matrix(xi)
+    return MotorRows(tuple(torques), speeds, internal_rows(required.internal, internal, frames))
 
 
 def _rows_of_response(

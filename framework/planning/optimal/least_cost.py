@@ -180,7 +180,8 @@ def solve_least_cost(
     """
     specification = program.problem.specification
     goal = specification.goal
-    longest = None if goal == "time" else specification.max_duration  # callers compare the least duration
+    # callers compare the least duration
+    longest = program.problem.bound_stages(None if goal == "time" else specification.longest)
     share = limit_share * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
     bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)

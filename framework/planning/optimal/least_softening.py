@@ -52,8 +52,7 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     largest = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,) by which rows are divided
     # the unknown rho is at least the softening at each point, and is minimised
     below_rho = AffineRows(
-        {"y": -slopes / largest[:, None], "rho": 1.0 / largest[:, None]},
-        -softening.offset / largest,
+        {"y": -slopes / largest[:, None], "rho": 1.0 / largest[:, None]}, -softening.offset / largest
     )
     positive = program.positive_rows
     # a law must advance everywhere; the program has no strict z > 0, but a lower bound, below z at the ends

@@ -47,19 +47,20 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals import PRINTED_DIGITS, SearchEvidence, StaticFold, advice_of
-from framework.planning.request import limit_excess, motor_peaks
+from framework.planning.request import limit_excess, motor_peaks, share_within
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     MAX_SOFTENING,
     PEAK_TORQUE_MISMATCH,
     REQUIRED_SPEED_ERROR,
+    REQUIRED_TIME_ERROR,
     STIFFER_THAN_FOLD,
 )
 
 # shares of z by which a law may differ from that about which torques are linear; the next one after a failure
 TRUSTED_SHARES = (np.inf, 0.3, 0.1)
 MAX_PASSES = 12  # of optimising a law and resolving its motion
-MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
+MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflected robot is singular
 ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
@@ -234,7 +235,7 @@ class _ElasticSearch:
     last_stage: the stage of that law.
     balance: the balance of the last motion at this stage; None if `resolve` finds the deflections.
     response: the response of the torques to the law, about that motion.
-    speed_places: s of the crossings of that motion, where the required speeds, if any, must hold.
+    places: s of the crossings of that motion, where the required times and speeds, if any, must hold.
     best_motion: the best certified motion within the limits.
     least_excess: the least ratio of a certified motion's torques and speeds to the limits.
     first_failure: raised if no stage succeeds.
@@ -252,7 +253,7 @@ class _ElasticSearch:
     last_stage: ElasticStage | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
-    speed_places: list[float] | None = None
+    places: list[float] | None = None
     best_motion: OptimalMotion | None = None
     least_excess: float = np.inf
     first_failure: NoAnswer | None = None
@@ -274,7 +275,7 @@ class _ElasticSearch:
             self.least_excess = min(self.least_excess, excess)
             is_new = motion is not self.best_motion  # otherwise the new law costs no less
             is_settled = not is_new
-            if is_new and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
+            if is_new and excess <= 1.0 and self._meets_requirements(motion.law, motion.dynamics):
                 if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
                 self.best_motion = motion
@@ -374,17 +375,17 @@ class _ElasticSearch:
     def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, BalanceSolution, InverseDynamics]:
         """Find the law in balance nearest to `law`, the balance, and its certified motion.
 
-        Deflections shift the crossings along the path. If speeds are required, the law is found again until
-        it has these speeds at the shifted crossings.
+        Deflections shift the crossings along the path. If times or speeds are required, the law is found
+        again until it has them at the shifted crossings.
         """
         previous = self.balance and self.balance.deflections
-        for _ in range(MAX_SPEED_STEPS):
-            law, balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
+        for _ in range(MAX_PLACE_STEPS):
+            law, balance = find_law_in_balance(self.next_task, law, previous, self.places)
             previous = balance.deflections
             dynamics = _resolve_law(self.task, law, previous)
-            if self._has_required_speeds(law, dynamics):
+            if self._meets_requirements(law, dynamics):
                 break
-            self.speed_places = [crossing.s for crossing in dynamics.crossings]
+            self.places = [crossing.s for crossing in dynamics.crossings]
         return law, balance, dynamics
 
     def _find_law(self) -> Best:
@@ -399,7 +400,7 @@ class _ElasticSearch:
         is_first_series = self.response is None and stage.degree is not None and has_own_limits
         if is_first_series or not has_own_limits:  # other laws are tried next: no explanation is needed yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
-        problem = problem_of(task, self.points, self.speed_places)
+        problem = problem_of(task, self.points, self.places)
         degree = stage.degree if self.response is None else len(self.response.y) - 1
         problem = problem._replace(sampled=self.sampled, response=self.response, degree=degree)
         problem = problem._replace(trust=TRUSTED_SHARES[self.failures])
@@ -440,7 +441,7 @@ class _ElasticSearch:
             self._check_softening()
         if self.first_failure is None:
             self.first_failure = failure
-        self.balance = self.response = self.speed_places = None
+        self.balance = self.response = self.places = None
         self.next_task = self.task
         self.stage += 1
         if self.stage == len(self.stages):
@@ -479,13 +480,18 @@ class _ElasticSearch:
                 evidence=least,
             )
 
-    def _has_required_speeds(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
-        """Return whether a law has the required speeds, if any, at the crossings of its motion."""
-        required = self.task.request.speeds
-        if required is None:
-            return True
-        speeds = [law(crossing.time, 1) for crossing in dynamics.crossings]
-        return bool(np.allclose(speeds, required, rtol=REQUIRED_SPEED_ERROR, atol=0.0))
+    def _meets_requirements(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
+        """Return whether a law has the required times and speeds, if any, at the crossings of its motion."""
+        request = self.task.request
+        times = [crossing.time for crossing in dynamics.crossings]
+        speeds = [law(time, 1) for time in times]
+        return all(
+            required is None or bool(np.allclose(found, required, rtol=allowed, atol=0.0))
+            for found, required, allowed in (
+                (times, request.times, REQUIRED_TIME_ERROR),
+                (speeds, request.speeds, REQUIRED_SPEED_ERROR),
+            )
+        )
 
     def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
         """Linearise torques about a motion in balance; without one, lower the limits by the excess.
@@ -497,7 +503,7 @@ class _ElasticSearch:
             excess: largest ratio of a torque or speed to its limit.
         """
         self.first_failure = None
-        self.speed_places = [crossing.s for crossing in motion.dynamics.crossings]
+        self.places = [crossing.s for crossing in motion.dynamics.crossings]
         if self.balance is not None:
             self.response = respond_to_law(self.balance)
             if excess <= 1.0 or not _has_predicted_peak(motion):
@@ -544,7 +550,7 @@ def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) ->
     Args:
         known: deflections in balance; None to solve for the deflections.
     """
-    return resolve(
+    dynamics = resolve(
         task.to_cross.searched,
         lambda _: law,
         geometry=task.geometry,
@@ -552,3 +558,4 @@ def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) ->
         friction=task.request.friction,
         known=known,
     )
+    return share_within(dynamics, task.specification, optimal=True)

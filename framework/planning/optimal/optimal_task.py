@@ -75,7 +75,7 @@ def conditions_at(
     task: Task,
     points: Sequence[SingularPoint],
     z0: SquaredSpeed | None = None,
-    speed_places: Sequence[float] | None = None,
+    places: Sequence[float] | None = None,
 ) -> tuple[Array, Array]:
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
@@ -85,7 +85,7 @@ def conditions_at(
     Args:
         points: where condition (8) must hold.
         z0: the squared speed about which viscous damping is linearised; None leaves damping out.
-        speed_places: s of the required speeds; by default the points.
+        places: s of the required speeds; by default the points.
 
     Returns:
         The parameter sigma of each condition, and the conditions.
@@ -96,11 +96,11 @@ def conditions_at(
         crossing = crossing_rows(task.branch, task.phi, point, z0)
         rows += list(crossing)
         sigmas += [float(task.phi.inverse(point.s))] * len(crossing)
-    if speed_places is None:
-        speed_places = [point.s for point in points]
+    if places is None:
+        places = [point.s for point in points]
     speeds = task.request.speeds or ()
     # without required speeds the places do not matter
-    for s, speed in zip(speed_places, speeds, strict=bool(speeds)):
+    for s, speed in zip(places, speeds, strict=bool(speeds)):
         sigma = float(task.phi.inverse(s))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
         sigmas.append(sigma)

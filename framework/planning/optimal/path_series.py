@@ -10,10 +10,12 @@ multipliers nu (m,) are sought as the sum of x_i v_i, with x (m,) polynomials on
 
     v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
 
-so that nu . cu / 2 = x_0. At a crossing c, cz, cu and d have poles along the same vector. All v, and their
-products with c, cz, cu and d, are therefore smooth at the crossing, and condition (8) needs no multiplier.
-The functions do not resolve if the path touches the locus, runs orthogonal to t_s, or lets several motions
-escape at once.
+so that nu . cu / 2 = x_0. Redundant motors can distribute a load in many ways, which differ by internal
+torques. A bound of all distributions needs a nu orthogonal to internal torques: cu and e_i of these formulas
+are then projected on the complement of internal torques. At a crossing c, cz, cu and d have poles along the
+same vector. All v, and their products with c, cz, cu and d, are therefore smooth at the crossing, and
+condition (8) needs no multiplier. The functions do not resolve if the path touches the locus, runs orthogonal
+to t_s, or lets several motions escape at once.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.torque_distribution import internal_frames
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.squared_speed import Stretch
 from framework.numerics.arrays import Array, BoolArray, IntArray
@@ -34,20 +37,25 @@ from framework.tolerances import MEASURE_TAIL
 END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
 LEAST_WIDTH = 1e-6  # of a cell in s: an edge or knot nearer to a crossing counts as equal to it
 MAX_CUTS = 14  # rounds of cutting cells where functions do not resolve or a motor with dry friction reverses
+MAX_RESOLVED_CELLS = 4000  # functions that do not resolve on so many cells never do
+TORQUE_ROUNDING = 1e-13  # of torques per s'^2, relative to torques per s"
 FIRST_CHEBYSHEV_CELLS = 4
 CHEBYSHEV_NODES = 16  # an even number: no node in the middle of a cell, where a crossing is
 MAX_CHEBYSHEV_CELLS = 60  # with more cells, the equations are evaluated at each point of a program instead
 
 
 class PathSeries(NamedTuple):
-    """Functions of m torques and n motor speeds on k cells between edges (k + 1,) of s."""
+    """Functions of m torques and n motor speeds on k cells between edges (k + 1,) of s.
+
+    There are l functions v_i, as many as torques without redundant motors.
+    """
 
     edges: Array
-    directions: Array  # (k, m - 1, m) e_i
-    v: Bernstein  # (..., m, m) v_i by rows
-    constant: Bernstein  # (..., m) v_i . c
-    per_z: Bernstein  # (..., m) v_i . cz
-    damping: Bernstein  # (..., m) v_i . d
+    directions: Array  # (k, l - 1, m) e_i
+    v: Bernstein  # (..., l, m) v_i by rows
+    constant: Bernstein  # (..., l) v_i . c
+    per_z: Bernstein  # (..., l) v_i . cz
+    damping: Bernstein  # (..., l) v_i . d
     squared_speed: Bernstein  # (..., n) of motors with a speed limit, over the squared limit and z
 
     @property
@@ -113,7 +121,7 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
     for _ in range(MAX_CUTS):
         fit = _fit_series(task, reference, edges)
         to_cut = ~fit.is_resolved | fit.reverses
-        if not to_cut.any():
+        if not to_cut.any() or len(edges) > MAX_RESOLVED_CELLS:
             break
         edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
     # a motor may still reverse in a narrow cell: the friction error of that cell covers it
@@ -136,16 +144,25 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
         edges: edges (k + 1,) of the cells in s.
     """
     samples = _sample_cells(task, reference, edges)
-    directions, v = _multiplier_basis(samples.per_u)  # e_i (k, m - 1, m) and v_i (k, NODES, m, m)
+    # e_i (k, l - 1, m) and v_i (k, NODES, l, m)
+    directions, v = _multiplier_basis(samples.per_u, samples.internal)
     torques = (samples.constant, samples.per_z, samples.damping)
-    products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, m) v_i . torque
+    products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, l) v_i . torque
+    # a path without centrifugal torques has rounding in their place, which no cell resolves
+    sizes = np.linalg.norm(v, axis=3) * np.linalg.norm(samples.per_u, axis=2)[..., None]
+    largest = np.abs(products[1]).max(axis=1)  # (k, l)
+    rounding = np.where(largest <= TORQUE_ROUNDING * sizes.max(axis=1), largest, 0.0)
+    products[1] = np.where(rounding[:, None] > 0.0, 0.0, products[1])
     values = (v, *products, samples.speed_ratio**2)
     functions, masks = zip(*map(fit_bernstein, values), strict=True)  # masks (k,) of resolved cells
     series = PathSeries(edges, directions, *functions)  # functions are in the order of its fields
     # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
     largest_v = np.abs(v).max(axis=1)  # (k, m, m)
     error = (largest_v @ samples.friction_error[..., None])[..., 0]
-    series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
+    series = series._replace(
+        constant=series.constant._replace(error=series.constant.error + error),
+        per_z=series.per_z._replace(error=series.per_z.error + rounding),
+    )
     is_resolved = np.asarray(np.all(masks, axis=0))
     reverses = np.asarray(samples.friction_error.any(axis=1))
     return _Fit(series, is_resolved, reverses)
@@ -163,6 +180,7 @@ class _Samples(NamedTuple):
     per_u: Array  # (k, NODES, m) cu
     speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits
     friction_error: Array  # (k, m) error of c, because the friction is its mean; 0 unless a motor reverses
+    internal: Array | None  # (k, NODES, m, r) bases of internal torques; None without redundant motors
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
@@ -182,7 +200,13 @@ def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
     constant, per_z, damping, per_u = (_finite_ratio(_split_by_cell(part), reference) for part in torques)
     speed_ratio = _finite_ratio(_split_by_cell(required.speed), specification.speed_limit)
     error = _finite_ratio(friction_error, reference)
-    return _Samples(constant, per_z, damping, per_u, speed_ratio, error)
+    internal = None
+    if required.internal is not None:
+        robot = task.robot
+        frames = internal_frames(required.internal, robot.n_a - robot.n).swapaxes(1, 2)  # (k NODES, r, n_a)
+        internal = _finite_ratio(frames, reference).swapaxes(1, 2)
+        internal = internal.reshape(-1, NODES, *internal.shape[1:])
+    return _Samples(constant, per_z, damping, per_u, speed_ratio, error, internal)
 
 
 def _finite_ratio(values: Array, limit: Array) -> Array:
@@ -210,18 +234,32 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
     return mean, np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * size, 0.0)
 
 
-def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Compute the directions e (k, m - 1, m) and v (k, NODES, m, m) of multipliers nu.
+def _multiplier_basis(per_u: Array, internal: Array | None) -> tuple[Array, Array]:
+    """Compute the directions e (k, l - 1, m) and v (k, NODES, l, m) of multipliers nu.
 
     With the torques cu (k, NODES, m) per u, v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The
     e_i of a cell are orthogonal to cu at the node beside its middle.
+
+    Args:
+        per_u: torques cu (k, NODES, m).
+        internal: bases (k, NODES, m, r) of internal torques, on whose complement cu and e_i are projected;
+            None without redundant motors.
     """
+    projectors = None
+    if internal is not None:
+        Q = np.linalg.qr(internal)[0]
+        projectors = np.eye(per_u.shape[2]) - Q @ Q.swapaxes(2, 3)  # (k, NODES, m, m)
+        per_u = np.matvec(projectors, per_u)
     along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
-    orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # (k, m, m) with the first column along cu
-    e_columns = orthonormal[:, :, 1:]
+    middle = per_u[:, NODES // 2, :, None]
+    if internal is not None:
+        middle = np.concatenate([middle, internal[:, NODES // 2]], axis=2)
+    orthonormal = np.linalg.svd(middle)[0]  # (k, m, m) with cu, then internal torques, in the first columns
+    e_columns = orthonormal[:, :, middle.shape[2] :]
     e = e_columns.swapaxes(1, 2)
-    components = per_u @ e_columns  # (k, NODES, m - 1) cu . e_i
-    across = e[:, None] - components[..., None] * along[:, :, None]  # v_i
+    components = per_u @ e_columns  # (k, NODES, l - 1) cu . e_i
+    directions = e[:, None] if projectors is None else e[:, None] @ projectors
+    across = directions - components[..., None] * along[:, :, None]  # v_i
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)
 
 
@@ -230,13 +268,16 @@ class SampledDemand(NamedTuple):
 
     poles: path coordinates s (k,) of the crossings; listed twice for a pole of second order.
     series: functions (5 n_a,) of s: torques at rest, per s'^2, per s" and per s', each multiplied by
-        s - pole for all poles; and motor speeds per s'.
+        s - pole for all poles; and motor speeds per s'. With redundant motors, n_a^2 more are the entries of
+        the projectors on internal torques.
     has_friction: whether dry friction acts on any motor.
+    motors: number of motors n_a.
     """
 
     poles: Array
     series: TimeFunction
     has_friction: bool
+    motors: int
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
         """Compute the motors' torques and speeds at sigma (M,), affine in z and u.
@@ -246,9 +287,14 @@ class SampledDemand(NamedTuple):
         """
         s = phi(sigma)
         pole_product = _pole_product(s, self.poles)
-        *torques, speed = np.split(self.series(s), 5, axis=1)  # the five quantities of `series`
+        values = self.series(s)
+        internal = None
+        if self.motors < values.shape[1] / 5:
+            values, entries = np.split(values, [5 * self.motors], axis=1)
+            internal = entries.reshape(len(s), self.motors, self.motors)
+        *torques, speed = np.split(values, 5, axis=1)  # the five quantities of all motors
         terms = PathTerms(*(torque / pole_product for torque in torques))
-        return Demand.compute(phi, sigma, terms, speed, friction=self.has_friction)
+        return Demand.compute(phi, sigma, terms, speed, friction=self.has_friction, internal=internal)
 
 
 def _pole_product(s: Array, poles: Array) -> Array:
@@ -271,16 +317,19 @@ def sample_demand(task: Task) -> SampledDemand | None:
         required = demand(task.branch, Smoothstep(0), grid.times)  # sigma = s, not times
         pole_product = _pole_product(grid.times, poles)
         torques = [part * pole_product for part in (*required.torque, required.damping)]
-        series = grid.fit(np.concatenate([*torques, required.speed], axis=1))
+        quantities = [*torques, required.speed]
+        if required.internal is not None:
+            quantities.append(required.internal.reshape(len(grid.times), -1))
+        series = grid.fit(np.concatenate(quantities, axis=1))
         is_unresolved = _find_unresolved(series, task.robot.n_a)
         if not is_unresolved.any():
-            return SampledDemand(poles, series, required.direction is not None)
+            return SampledDemand(poles, series, required.direction is not None, task.robot.n_a)
         edges = cut_cells(task, edges, np.where(is_unresolved, 2, 1))
     return None
 
 
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Return the mask (P,) of panels on which one of the five quantities is not resolved.
+    """Return the mask (P,) of panels on which a quantity is not resolved.
 
     The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is
     finite and its last two coefficients are small compared with the largest one, over all motors. Torques per
@@ -288,10 +337,12 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     rounding of the other.
     """
     panels, size, _ = series.coefficients.shape
-    by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
+    coefficient_sizes = np.abs(series.coefficients)
+    by_quantity = coefficient_sizes[..., : 5 * motors].reshape(panels, size, 5, motors).max(axis=3)
     at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)  # (P, size) each
-    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
+    internal = coefficient_sizes[..., 5 * motors :].max(axis=2, initial=0.0)
+    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed, internal], axis=2)
     tail = sizes[:, -2:].max(axis=1)
     largest = sizes.max(axis=1)
-    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 4), false for NaN
+    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 5), false for NaN
     return np.asarray(~is_resolved.all(axis=1))

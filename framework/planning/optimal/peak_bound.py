@@ -1,9 +1,11 @@
 """Lower bounds of the peak torque or the duration of every law, and the proof that no law keeps its limits.
 
 The bounds are found by multipliers nu of the torques, mu of the speed limits and lambda of the duration
-(`dual_program`), on cells of the path coordinate s. They hold for rigid robots with as many motors as axes,
-on paths that cross the locus transversally, and for all laws that advance and have the same speeds at both
-ends, whatever their discretisation. Otherwise there is no bound, and nothing is proved.
+(`dual_program`), on cells of the path coordinate s. They hold for rigid robots, however redundant motors
+share the load, on paths that cross the locus transversally, and for all laws that advance and have the same
+speeds at both ends, whatever their discretisation. Otherwise there is no bound, and nothing is proved.
+Required times and speeds of crossings do not count: laws with them are some of all laws, so that the bound
+holds for them too.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.torque_distribution import least_peak_torques
 from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.planning.crossing_points import PathToCross
@@ -42,7 +45,8 @@ class PeakBound(ReadOnlyArrays):
     reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
     edges: edges (k + 1,) of the cells in s, on which the multipliers are constant or in Bernstein form.
     p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across - cu (cu . across) / |cu|^2 of the m
-        motors whose torques count, over the reference.
+        motors whose torques count, over the reference; with redundant motors, cu and `across` are projected
+        on the complement of internal torques.
     mu: multipliers (k, n) of the n motors with a speed limit.
     lam: the multiplier lambda of the duration.
     """
@@ -123,7 +127,7 @@ def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | Non
     x = proof.multipliers.x
     return PeakBound(
         by_duality=proof.evidence.value,
-        at_ends=0.0 if timed else float(np.abs(torques_at_ends(task) / reference).max()),
+        at_ends=0.0 if timed else _bound_at_ends(task, reference),
         reference=reference,
         edges=proof.series.edges,
         p=x[..., 0],
@@ -173,13 +177,14 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 def _has_bound(task: Task, reference: Array) -> bool:
     """Return whether bounds of a task are known.
 
-    They are known for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
+    They are known for a rigid robot with more motors that count than redundant ones, and transversal
+    crossings of corank 1.
 
     Args:
         reference: torques (n_a,) [N m]; infinite for motors that do not count.
     """
     robot = task.robot
-    if robot.n_e or robot.n_a != robot.n or not np.isfinite(reference).any():
+    if robot.n_e or np.isfinite(reference).sum() <= robot.n_a - robot.n:
         return False
     return all(point.corank == 1 and point.contact != "tangential" for point in task.to_cross.points)
 
@@ -193,13 +198,12 @@ def _choose_parts(evidence: Evidence) -> IntArray:
     Args:
         evidence: the bound that the multipliers prove, with its faults on each cell.
     """
-    from scipy.ndimage import maximum_filter1d  # slow to import, and few plans ask for bounds
-
     share_over_mean = evidence.shares * len(evidence.shares)
     halving_share, quartering_share = CUT_SHARES
     parts = 1 + (share_over_mean > halving_share) + 2 * (share_over_mean > quartering_share)
     parts = np.where(evidence.shortfall > 0.0, np.maximum(parts, 2), parts)
-    return maximum_filter1d(parts, 3)  # of each cell and its two neighbours
+    beside = np.pad(parts, 1)  # 0 beyond the ends
+    return np.maximum(parts, np.maximum(beside[:-2], beside[2:]))
 
 
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
@@ -235,6 +239,17 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
             break
         margin = margin + 2.0 * proof.evidence.shortfall
     return proof
+
+
+def _bound_at_ends(task: Task, reference: Array) -> float:
+    """Compute the least peak over a reference (n_a,) of the torques at start and goal."""
+    torques = torques_at_ends(task)
+    if not task.specification.shares_freely:
+        return float(np.abs(torques / reference).max())
+    projectors = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0])).internal
+    assert projectors is not None
+    least = least_peak_torques(torques, projectors, reference, task.robot.n_a - task.robot.n)
+    return float((1.0 - BOUND_MARGIN) * np.abs(least / reference).max())  # less an error of the solver
 
 
 def torques_at_ends(task: Task) -> Array:

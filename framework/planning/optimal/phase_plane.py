@@ -24,7 +24,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.dynamics.forces import balancing_torques
+from framework.dynamics.forces import balancing_torques, internal_projectors
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.path_forces import PathForces
 from framework.kinematics.continuation.tracking import Branch
@@ -98,17 +98,27 @@ class Demand(NamedTuple):
     damping: Array  # (M, n_a) [N m s], viscous torque over d sigma/dt
     speed: Array  # (M, n_a) [rad], over d sigma/dt
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt; None without dry friction
+    internal: Array | None = None  # (M, n_a, n_a) projectors on internal torques of redundant motors
 
     @staticmethod
-    def compute(phi: Smoothstep, sigma: Array, torque: PathTerms, speed: Array, *, friction: bool) -> Demand:
+    def compute(
+        phi: Smoothstep,
+        sigma: Array,
+        torque: PathTerms,
+        speed: Array,
+        *,
+        friction: bool,
+        internal: Array | None,
+    ) -> Demand:
         """Return the demand at sigma (M,) for torques by s', and speeds (M, n_a) over s'.
 
         Args:
             friction: whether dry friction acts on any motor.
+            internal: projectors (M, n_a, n_a) on internal torques; None without redundant motors.
         """
         dphi = phi(sigma, 1)[:, None]
         affine = AffineInSpeed.transform(phi, sigma, torque)
-        return Demand(affine, torque.damping * dphi, speed * dphi, speed if friction else None)
+        return Demand(affine, torque.damping * dphi, speed * dphi, speed if friction else None, internal)
 
     def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
         """Return the torques with damping linearised about z0 (M,) [1/s^2]; None leaves damping out."""
@@ -142,7 +152,9 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
     terms[1] += rotors * motion.a[:, robot.actuated]
     terms[2] += rotors * rates
     has_friction = bool(robot.joint_friction[robot.actuated].any())
-    return Demand.compute(phi, sigma, PathTerms(*terms), rates * robot.gear_ratio, friction=has_friction)
+    internal = internal_projectors(robot, closed.linearised) if robot.n_a > robot.n else None
+    speed = rates * robot.gear_ratio
+    return Demand.compute(phi, sigma, PathTerms(*terms), speed, friction=has_friction, internal=internal)
 
 
 def crossing_rows(

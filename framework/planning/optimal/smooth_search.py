@@ -8,16 +8,22 @@ The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration
 the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tangent T_lin at a slow law is
 below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D
 exactly.
+
+Required times of crossings cut the path in stages, each with a duration, but for the last one if the end is
+open. No blend meets several at once: programs with the tangents of all are solved until these touch the
+durations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from framework.errors import InvalidInput
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.cone_program import Unsolved
 from framework.planning.optimal.law_problem import motor_rows
@@ -27,12 +33,20 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
+# towards required instants: steps with the tangents of all stages; share of a duration by which the last law
+# may differ, to be adjusted
+MAX_SETTLING_STEPS, SETTLED_DURATION = 30, 1e-3
+# excess over a required duration that the first step admits; its part in each further one; part of its own
+# excess that a step may leave: z^(-1/2) keeps up to 1 / sqrt(3) of it at the zero of its tangent
+FIRST_SLACK, SLACK_LEFT, EXCESS_LEFT = 0.5, 0.5, 0.6
+LOWER_FLOORS = np.array([1.0, 1e-2])  # over that of a quick law, of laws that wait
+BLENDS = 65  # of a slow and a quick law that are compared
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
-# in sigma, of the intervals where a law may wait; the second if the first fails
 # of the least peak, tried in turn: between two ends in motion holding back costs more than a quicker law
 LARGER_SHARES = (0.1, 0.3, 1.0, 4.0)
+# in sigma, or of a stage, of the intervals where a law may wait; the second if the first fails
 WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
 # places between two neighbouring points where limits are checked, as shares of their interval
@@ -65,47 +79,57 @@ class SmoothSearch(NamedTuple):
     @property
     def bounds(self) -> Bounds:
         """The bounds of a smooth law: the limits, and the least cost enlarged by the share for smoothness."""
-        specification = self.program.problem.specification
+        problem = self.program.problem
+        specification = problem.specification
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
         if self.goal == "time":  # the cost is the duration, by the program's quadrature
-            return Bounds(min(cost_factor * self.least.least_duration, longest or np.inf), share=limit_share)
+            longest = min(cost_factor * self.least.least_duration, longest or np.inf)
+            return Bounds(problem.bound_stages(longest), share=limit_share)
         if longest is None:
             longest = self.duration_limit
         else:
             longest = min(longest * (1.0 - SAME_DURATION), self.duration_limit or np.inf)
+        stages = problem.bound_stages(longest)
         if self.goal == "energy":
-            return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
+            return Bounds(stages, energy=cost_factor * self.least.energy, share=limit_share)
         # the cost of the other goals is the peak; a law within the torque limits stays within them
         largest_peak = cost_factor * self.least.peak
         if specification.limited and self.least.peak <= 1.0:
             largest_peak = min(largest_peak, 1.0)
-        return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
+        return Bounds(stages, self.limit_share * largest_peak, share=self.limit_share)
 
     def limit_duration(self) -> SmoothSearch:
         """Return the search for laws of at most twice the least duration, unless a duration is required."""
         specification = self.program.problem.specification
         if self.goal == "time" or specification.duration is not None:
             return self
-        quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
+        bounds = self.bounds._replace(longest=self.program.problem.bound_stages(None))
+        quick = self.program.minimise("time", bounds, self.units)
         if isinstance(quick, Unsolved):
             return self
-        duration_limit = min(specification.longest or np.inf, 2.0 * quick.duration)
+        last_stop = sum(specification.times[-1:])
+        duration_limit = min(specification.longest or np.inf, last_stop + 2.0 * float(quick.durations[-1]))
         return self._replace(duration_limit=duration_limit, units=self.units._replace(time=duration_limit))
 
-    def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
-        """Find a smooth law within the bounds, of the required duration, if any.
+    def find_smooth(self, similar: Speed | None = None) -> tuple[SmoothSearch, Speed | NoneFound]:
+        """Find a smooth law within the bounds, with the required instants, if any.
 
         Args:
             similar: the speed of a similar law.
+
+        Returns:
+            The search, with the least cost at the required instants where it had to be found, and the law.
         """
         duration = self.program.problem.specification.duration
         if similar is not None:  # with the costs of this program
-            similar = self.program.evaluate_speed(similar.y)._replace(floor=similar.floor)
+            similar = self.program.evaluate_speed(similar.y, similar.x)._replace(floor=similar.floor)
+        if self.program.problem.stops:
+            return self._find_timed(similar)
         if duration is not None:
-            return self.find_lasting(duration, similar)
-        return self._solve_above_floor(self.bounds, similar=similar)[0]
+            return self, self.find_lasting(duration, similar)
+        return self, self._solve_above_floor(self.bounds, similar=similar)[0]
 
     def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
@@ -147,6 +171,157 @@ class SmoothSearch(NamedTuple):
             law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
         return self._improve("curvature", law, smooth, bounds, floor, duration)
 
+    # -------------------------------------------------------------- required times of crossings
+
+    def _find_timed(self, similar: Speed | None) -> tuple[SmoothSearch, Speed | NoneFound]:
+        """Find a smooth law as `find_smooth` that passes all crossings at the required instants.
+
+        The bounds count that no stage takes longer than required. If the smoothest law within them has too
+        quick a stage, a law is settled whose stages take exactly what is required. Where this costs more, the
+        least cost of laws so settled replaces that of the bounds.
+
+        Args:
+            similar: a law with these instants, if one is known.
+        """
+        quick, _floor = self._solve_above_floor(self.bounds, similar=similar)
+        if isinstance(quick, Speed):
+            if self._mismatch(quick) <= SAME_DURATION:
+                return self, quick
+            law = self._settle_first(similar, quick, self.bounds)
+            if law is not None:
+                return self, law
+        elif self.goal == "time":
+            return self, quick
+
+        # the least cost at these instants: down from a law without a bound of the cost
+        longest = self.bounds.longest
+        if self.goal == "time":
+            problem = self.program.problem
+            longest = problem.bound_stages(problem.specification.longest or 2.0 * self.least.least_duration)
+        limits = Bounds(longest, share=self.bounds.share)
+        quick, _floor = self._solve_above_floor(limits, similar=similar)
+        if isinstance(quick, NoneFound):
+            return self, quick
+        law = self._settle_first(similar, quick, limits)
+        best = None if law is None else self._settle(law, self.goal, limits)
+        if best is None:
+            return self, self._refuse_times()
+        search = self._replace(least=best._replace(least_duration=best.duration))
+        return search, search._settle(best, "curvature", search.bounds) or best
+
+    def _refuse_times(self) -> NoneFound:
+        """Return the result that no law with the required times was found."""
+        listed = ", ".join(f"{t:.4g}" for t in self.program.problem.specification.times)
+        return NoneFound(self.program, f"no law that crosses at t = {listed} s was found")
+
+    def _mismatch(self, law: Speed) -> float:
+        """Return the largest relative difference of a stage's duration from that required."""
+        ratio = law.durations / self.program.problem.stages  # zero where open
+        return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
+
+    def _settle_first(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Speed | None:
+        """Settle the smoothest law from the first of several starts with success; None without one.
+
+        Args:
+            similar: a law with the required instants, if one is known.
+            quick: a law of which no stage takes longer than required.
+            bounds: as of `_settle`.
+        """
+        starts = self._starts_of_stages(similar, quick, bounds)
+        laws = (self._settle(start, "curvature", bounds) for start in starts)
+        return next((law for law in laws if law is not None), None)
+
+    def _starts_of_stages(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Iterator[Speed]:
+        """Yield a similar law, a quick law, and some that wait in each stage, blended with the quick one.
+
+        A tangent of T is nowhere above 1.5 T, so that the one about a quick law may exclude what is required.
+        A stage waits at its end at rest, or in its middle. The blend is the quickest without a stage quicker
+        than required. Above a lower floor laws may wait for longer. The arguments are those of
+        `_settle_first`.
+        """
+        problem = self.program.problem
+        required = np.isfinite(problem.stages)
+        stages = problem.stages[required]
+        if similar is not None:
+            yield similar
+        if np.all(stages < 1.5 * quick.durations[required]):
+            yield quick
+        sigma = self._positive_sigma
+        edges = np.array([0.0, *problem.stops, 1.0])
+        is_moving = problem.specification.ends.moving
+        places = 0.5 * (edges[:-1] + edges[1:])
+        places[0] *= is_moving[0]
+        places[-1] = places[-1] if is_moving[1] else 1.0
+        fine_z, weights = self.program.fine_quadrature
+        for floor, share in product(LOWER_FLOORS * quick.floor, WAITING_WIDTHS):
+            widths = share * np.diff(edges)
+            caps = [
+                _cap_speed(np.abs(sigma - place) < width, width, stage, floor)
+                for place, width, stage in zip(places[required], widths[required], stages, strict=True)
+            ]
+            waits = bounds._replace(longest=None)
+            cap = np.min(caps, axis=0)
+            slow = self.program.minimise("curvature", waits, self.units, floor=floor, cap=cap)
+            if isinstance(slow, Unsolved) or not np.isfinite(slow.duration):
+                continue
+            shares = np.linspace(0.0, 1.0, BLENDS)
+            z = np.outer(1.0 - shares, fine_z @ slow.y) + np.outer(shares, fine_z @ quick.y)  # (BLENDS, F)
+            is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
+            last = max(int(np.append(is_slow, False).argmin()) - 1, 0)
+            y, x = (a + shares[last] * (b - a) for a, b in ((slow.y, quick.y), (slow.x, quick.x)))
+            yield self.program.evaluate_speed(y, x)._replace(floor=floor)
+
+    def _settle(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
+        """Find a law of little cost whose stages take what is required; None without one.
+
+        Each program requires it of the tangents about the law before, which are below the durations. Where
+        the excess of the durations then does not fall, as tangents may lead from one slow place to another,
+        programs bound the durations themselves.
+
+        Args:
+            law: the first law, above whose floor others are sought.
+            goal: of `SpeedProgram.minimise`.
+            bounds: the bounds; those of stages with a required duration do not count.
+        """
+        program, floor = self.program, law.floor
+        stages = program.problem.stages
+        required = np.isfinite(stages)
+        longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest.copy()
+        excess = np.abs(law.durations / stages - 1.0)[required]
+        slack, bounded = FIRST_SLACK, False
+        for _ in range(MAX_SETTLING_STEPS):
+            allowed = np.maximum(EXCESS_LEFT * excess, max(slack, BLENDED_DURATION))
+            longest[required] = (1.0 + allowed) * stages[required] if bounded else np.inf
+            found = program.minimise(
+                goal,
+                bounds._replace(longest=longest if np.isfinite(longest).any() else None),
+                self.units,
+                floor=floor,
+                about=(law.y, stages, not bounded),
+            )
+            if isinstance(found, Unsolved) or not np.isfinite(found.duration):
+                if bounded:
+                    break
+                bounded = True
+                continue
+            excess_found = np.abs(found.durations / stages - 1.0)[required]
+            if not bounded and np.any(excess_found > allowed):
+                bounded = True
+                continue
+            law, excess = found, excess_found
+            slack *= SLACK_LEFT
+            if excess.max() <= (BLENDED_DURATION if bounded else SAME_DURATION):
+                break
+        if self._mismatch(law) > SETTLED_DURATION:
+            return None
+        try:
+            y = program.space.adjust(law.y, program.conditions, program.problem.instants)
+        except InvalidInput:  # z is nearly zero
+            return None
+        return program.evaluate_speed(y, law.x)._replace(floor=floor)
+
+    # -------------------------------------------------------------- a required duration
+
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
@@ -164,7 +339,7 @@ class SmoothSearch(NamedTuple):
         """
         assert bounds.longest is not None
         status = ""
-        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2  # the highest first
+        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest.sum() ** 2  # the highest first
         if similar is not None and similar.floor > 0.0:
             floors = floors[np.argmin(np.abs(np.log(floors / similar.floor)), keepdims=True)]
         for floor in floors:
@@ -181,7 +356,10 @@ class SmoothSearch(NamedTuple):
         """Blend a quick and a slow speed to a duration [s]; return the slow one if that is not between."""
         if not quick.duration < duration < slow.duration:
             return slow
-        blend = self.program.evaluate_speed(self.program.space.blend(quick.y, slow.y, duration))
+        y = self.program.space.blend(quick.y, slow.y, duration)
+        direction = quick.y - slow.y
+        share = (y - slow.y) @ direction / (direction @ direction)
+        blend = self.program.evaluate_speed(y, slow.x + share * (quick.x - slow.x))
         return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _minimise_slow(self, quick: Speed, goal: str, bounds: Bounds, **options: Any) -> Speed | Unsolved:
@@ -204,8 +382,9 @@ class SmoothSearch(NamedTuple):
         # the share of the quick law in the blend at which z is LIFTED_SHARE z_quick, at each point
         share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
         largest_share = share[z < LIFTED_SHARE * z_quick].max()
-        blend = slow.y + largest_share * (quick.y - slow.y)
-        return self.program.evaluate_speed(blend)._replace(floor=slow.floor)
+        y = slow.y + largest_share * (quick.y - slow.y)
+        x = slow.x + largest_share * (quick.x - slow.x)
+        return self.program.evaluate_speed(y, x)._replace(floor=slow.floor)
 
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends.
@@ -280,8 +459,9 @@ class SmoothSearch(NamedTuple):
             duration: by default that of the law.
         """
         duration = duration or law.duration
-        bounds = bounds._replace(longest=4.0 * duration)  # far above what a solution takes
-        slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=(law.y, duration))
+        bounds = bounds._replace(longest=np.array([4.0 * duration]))  # far above what a solution takes
+        about = (law.y, np.array([duration]), False)
+        slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=about)
         if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)
         return law
@@ -298,7 +478,9 @@ class SmoothSearch(NamedTuple):
             similar: a law of this duration, which takes the place of the law of least energy.
         """
         limits = Bounds(share=self.bounds.share)  # without a bound of duration, peak or energy
-        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
+        quick, floor = self._solve_above_floor(
+            limits._replace(longest=np.array([duration])), "energy", similar
+        )
         if isinstance(quick, NoneFound):
             return quick
         law = similar or quick
@@ -310,7 +492,7 @@ class SmoothSearch(NamedTuple):
             law = self._descend(min(starts, key=_energy_of), quick, floor)
 
         # the smoothest law within a share of this energy
-        bounds = Bounds(duration, energy=(1.0 + self.share) * law.energy, share=limits.share)
+        bounds = Bounds(np.array([duration]), energy=(1.0 + self.share) * law.energy, share=limits.share)
         smooth = self.program.minimise("curvature", bounds, self.units, floor=floor)
         if _takes_at_least(smooth, least_duration):
             return smooth
@@ -449,7 +631,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
         allowed = np.minimum(allowed, bounds.peak * (1.0 + LIMIT_MARGIN) * problem.reference)
 
     # intervals with a large ratio to a limit at one of their ends; the first rows are those of the points
-    ratio_at_points = program.rows.largest_limit_ratio(speed.y, allowed)[: len(program.xi)]
+    ratio_at_points = program.rows.largest_limit_ratio(speed.y, speed.x, allowed)[: len(program.xi)]
     intervals = np.flatnonzero(np.maximum(ratio_at_points[1:], ratio_at_points[:-1]) > NEARLY_REACHED)
     if not len(intervals):
         return np.empty(0)
@@ -460,8 +642,8 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     # rows cannot be computed on a crossing, where torques are 0 / 0
     distance = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf)
     xi = xi[distance > SAME_PLACE]
-    rows = motor_rows(problem, program.basis, program.conditions, xi)
-    ratio = rows.largest_limit_ratio(speed.y, allowed)
+    rows = motor_rows(problem, program.basis, program.conditions, xi, program.frames)
+    ratio = rows.largest_limit_ratio(speed.y, speed.x, allowed)
     if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
     padded = np.pad(ratio, 1, constant_values=-np.inf)

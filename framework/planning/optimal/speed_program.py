@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.torque_distribution import InternalSplines, second_differences
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.chebyshev import gauss_legendre
@@ -47,17 +48,21 @@ POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 
 
+INTERNAL_WEIGHT = 1e-1  # of the bends of internal torques in the cost of a smooth law
+NO_INTERNAL = np.empty(0)
+
+
 class Bounds(NamedTuple):
     """The bounds of a solution besides condition (8); None means no bound.
 
-    longest: bound of the duration [s].
+    longest: bounds (m,) of the durations of the stages between required instants [s]; infinite where open.
     peak: bound of all torques over the reference.
     energy: bound of the integral of the sum of (torque over reference)^2 [s].
     torque_limits: whether the torque limits of the specification hold.
     share: share of the limits that may be used.
     """
 
-    longest: float | None = None
+    longest: Array | None = None
     peak: float | None = None
     energy: float | None = None
     torque_limits: bool = True
@@ -74,20 +79,28 @@ class Units(NamedTuple):
 class Speed(NamedTuple):
     """A squared speed with coefficients y (n,) [1/s^2], and its costs.
 
-    duration: [s].
+    durations: (m,) [s] of the stages between required instants.
     peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
     energy: [s], the integral of the sum of (torque over reference)^2.
-    least_duration: the least duration [s], by the quadrature of the program; NaN for other goals than "time".
+    least_duration: the least duration [s] with the required instants, by the quadrature of the program; NaN
+        for other goals than "time".
     floor: [1/s^2], the lower bound of the coefficients of splines, or of the values of a series.
+    x: coefficients (n r,) of the internal torques of redundant motors; none if there are no such motors.
     """
 
     y: Array
-    duration: float
+    durations: Array
     peak: float
     peak_speed: float
     energy: float
     least_duration: float = np.nan
     floor: float = 0.0
+    x: Array = NO_INTERNAL
+
+    @property
+    def duration(self) -> float:
+        """The duration [s]."""
+        return float(self.durations.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,26 +115,32 @@ class SpeedProgram:
     rows: MotorRows  # at the points, then at crossings, then at further_xi
     conditions: Affine  # (k, n)
     further_xi: Array  # (R,) between the points, where a limit was exceeded
+    frames: Array | None  # (n, n_a, r) of internal torques, if redundant motors share the load freely
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
         """Build the program on cells (k + 1,) of xi, with rows at points and crossings.
 
         Each crossing is in the middle of a cell. Cells about a crossing and at the ends have more points,
-        because torques change quickly in these cells.
+        because torques change quickly in these cells. A cell in which an instant is required has two halves
+        with points of their own, so that integrals end there.
         """
         basis = problem.basis_on(cells)
         crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
-        xi, weights = _integration_points(problem, cells, counts)
+        edges = np.union1d(cells, problem.stop_xi)
+        parts = np.searchsorted(edges, cells[1:]) - np.searchsorted(edges, cells[:-1])  # (k,)
+        counts = np.repeat(np.where(parts > 1, POINTS, counts), parts)
+        xi, weights = _integration_points(problem, edges, counts)
         conditions = condition_rows(problem, basis)
-        rows = motor_rows(problem, basis, conditions, xi)
-        limit_weights = _weigh_limits(xi, cells, counts, crossings)
+        frames = problem.internal_frames(InternalSplines(cells))
+        rows = motor_rows(problem, basis, conditions, xi, frames)
+        limit_weights = _weigh_limits(xi, cells, crossings)
         if limit_weights:
             rows_at_crossings = rows.combine(np.array(limit_weights))
             rows = rows.stack(rows_at_crossings)
-        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0))
+        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0), frames)
 
     @property
     def space(self) -> SpeedSpace:
@@ -172,43 +191,63 @@ class SpeedProgram:
         rows = curvature.scale(np.sqrt(self._inner_weights))
         # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.values)) * rows.shape[0])
-        return linear_rows(y=rows / size)
+        curvature = rows / size
+        if self.frames is None:
+            return linear_rows(y=curvature)
+        bends = second_differences(self.frames)
+        bends = bends * (INTERNAL_WEIGHT / np.sqrt(len(self.frames)))
+        return linear_rows(
+            y=curvature.append(SparseRows.zeros((bends.shape[0], self.basis.size))),
+            x=SparseRows.zeros((curvature.shape[0], bends.shape[1])).append(bends),
+        )
+
+    @property
+    def _internal_count(self) -> int:
+        """The number n r of coefficients of internal torques."""
+        return 0 if self.frames is None else self.frames.shape[0] * self.frames.shape[2]
 
     @cached_property
     def fine_quadrature(self) -> tuple[SparseRows, Array]:
-        """Rows (F, n) of z on y at fine points, and weights (F,) of integrals over sigma."""
-        cells = _subdivide(self.cells, FINE_PARTS)
+        """Rows (F, n) of z on y at fine points, and weights (m, F) of integrals over the sigma of stages."""
+        cells = _subdivide(np.union1d(self.cells, self.problem.stop_xi), FINE_PARTS)
         counts = np.full(len(cells) - 1, FINE_POINTS)
         xi, weights = _integration_points(self.problem, cells, counts)
-        return self.basis.matrix(xi[1:-1]), weights[1:-1]  # without the ends, whose weights are zero
+        xi, weights = xi[1:-1], weights[1:-1]  # without the ends, whose weights are zero
+        return self.basis.matrix(xi), _split_by_stage(self.problem, xi, weights)
+
+    @cached_property
+    def stage_weights(self) -> Array:
+        """Weights (m, P) of integrals over the sigma of each stage, at the inner points."""
+        return _split_by_stage(self.problem, self.xi[self._inner_points], self._inner_weights)
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with further rows at xi (R,)."""
-        rows = motor_rows(self.problem, self.basis, self.conditions, xi)
+        rows = motor_rows(self.problem, self.basis, self.conditions, xi, self.frames)
         return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
-    def evaluate_speed(self, y: Array, least_duration: float = np.nan) -> Speed:
-        """Compute duration, peaks and energy of the squared speed z with coefficients y (n,).
+    def evaluate_speed(self, y: Array, x: Array = NO_INTERNAL, least_duration: float = np.nan) -> Speed:
+        """Compute durations, peaks and energy of the squared speed z with coefficients y (n,).
 
-        The duration is the integral of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
+        Durations are integrals of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
         of |torque|^2 z^(-1/2) at the points of the program, with torques over their reference.
 
         Args:
+            x: coefficients (n r,) of internal torques.
             least_duration: the optimum [s] of the goal "time", by the program's quadrature; else NaN.
         """
         fine_z, fine_weights = self.fine_quadrature
         z = fine_z @ y  # (F,)
-        duration = float(fine_weights @ z**-0.5) if z.min() > 0 else np.inf
+        durations = fine_weights @ z**-0.5 if z.min() > 0 else np.full(len(fine_weights), np.inf)
 
         # energy, with z > 0 also where the solver missed it by rounding; peaks at all rows
-        torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
+        torque = np.stack(self.rows.torques(y, x), axis=1) / self.problem.reference
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
         power = (torque[self._inner_points] ** 2).sum(axis=1) * slowness
         energy = float(self._inner_weights @ power)
         peak = float(np.abs(torque).max(initial=0.0))
         squared_speeds = [(rows @ y).max() for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
-        return Speed(y, duration, peak, peak_speed, energy, least_duration)
+        return Speed(y, durations, peak, peak_speed, energy, least_duration, x=x)
 
     def minimise(
         self,
@@ -219,7 +258,8 @@ class SpeedProgram:
         floor: float = 0.0,
         cap: Array | float = np.inf,
         weights: Array | None = None,
-        about: tuple[Array, float] | None = None,
+        about: tuple[Array, Array, bool] | None = None,
+        stage: int = -1,
         tolerance: float = TOLERANCE,
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
@@ -237,7 +277,9 @@ class SpeedProgram:
             floor: lower bound of the `positive_rows` [1/s^2].
             cap: upper bound of the `positive_rows` (m,) [1/s^2].
             weights: (P,) at the points with a weight, for the goal "slowness".
-            about: y (n,) and a duration [s]; the tangent of T(z) at y must not fall below this duration.
+            about: y (n,), durations (m,) [s] of stages, and whether the tangents of T(z) at y must be equal
+                to those that are finite; otherwise they must not fall below.
+            stage: index of the stage whose duration is least for the goal "time"; the last by default.
             tolerance: relative, of the cost and of the rows.
         """
         timed = goal == "time" or bounds.longest is not None  # whether the duration counts
@@ -256,14 +298,17 @@ class SpeedProgram:
         if len(capped):
             nonnegative.append(AffineRows({"y": -positive[capped]}, highest[capped] * scale))
         nonnegative += self._bound_integrals(bounds, units)
+        equal = [_scale_large_rows(conditions)]
         if about is not None:
-            nonnegative.append(self._duration_tangent(*about, units))
+            y_0, durations, is_equal = about
+            tangents = self._duration_tangents(y_0, durations, units)
+            (equal if is_equal else nonnegative).append(tangents)
 
         program = ConeProgram(
             self._sizes(timed=timed, powered=powered),
-            self._linear_cost(goal, weights),
+            self._linear_cost(goal, weights, stage),
             self.curvature if goal == "curvature" else None,
-            [_scale_large_rows(conditions)],
+            equal,
             nonnegative,
             self._cones(units, timed=timed, powered=powered),
         )
@@ -274,8 +319,12 @@ class SpeedProgram:
         y = optimum["y"] / scale
         if len(conditions.offset):  # met to rounding by the nearest coefficients
             y = self.space.adjust(y, self.conditions)
-        duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
-        return self.evaluate_speed(y, duration * units.time)._replace(floor=floor)
+        least = np.nan
+        if goal == "time":
+            open_stage = float(self.stage_weights[stage] @ optimum["v"]) * units.time
+            least = open_stage + sum(self.problem.specification.times[-1:])
+        x = optimum["x"] * self._internal_unit(units) if self.frames is not None else NO_INTERNAL
+        return self.evaluate_speed(y, x, least)._replace(floor=floor)
 
     def _trusted_range(self) -> tuple[Array, Array]:
         """Return bounds (m,) [1/s^2] of the `positive_rows` by the problem, from below and from above."""
@@ -300,6 +349,8 @@ class SpeedProgram:
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
+        if self.frames is not None:
+            sizes["x"] = self._internal_count
         if timed or powered:
             sizes["r"] = count
         if timed:
@@ -308,16 +359,17 @@ class SpeedProgram:
             sizes["e"] = count
         return sizes
 
-    def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
+    def _linear_cost(self, goal: str, weights: Array | None, stage: int) -> dict[str, Array]:
         """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
 
         Args:
             goal: goal of `minimise`.
             weights: (P,) at the points with a weight, for the goal "slowness".
+            stage: index of the stage whose duration is the cost of the goal "time".
         """
         match goal:
             case "time":
-                return {"v": self._inner_weights}
+                return {"v": self.stage_weights[stage]}
             case "energy":
                 return {"e": self._inner_weights}
             case "slowness":
@@ -331,36 +383,40 @@ class SpeedProgram:
         """Return the bounds less the integrals of v and e, as rows that may not be negative.
 
         Args:
-            bounds: bounds of duration and energy.
+            bounds: bounds of durations and energy.
             units: units of the program.
         """
-        weights = SparseRows.of(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
-            rows.append(AffineRows({"v": weights}, np.array([bounds.longest / units.time])))
+            bounded = np.isfinite(bounds.longest)
+            weights = SparseRows.of(-self.stage_weights[bounded])
+            rows.append(AffineRows({"v": weights}, bounds.longest[bounded] / units.time))
         if bounds.energy is not None:
             unit = units.torque**2 * units.time
+            weights = SparseRows.of(-self._inner_weights[None])
             rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
         return rows
 
-    def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
-        """Return the row T_lin(z) - duration, which must not be negative.
+    def _duration_tangents(self, y: Array, durations: Array, units: Units) -> AffineRows:
+        """Return the rows T_lin(z) - duration of all stages with a finite duration.
 
-        T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2):
+        T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2) over the stage:
         T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z. Both T, as `evaluate_speed` computes it, and
-        T_lin are integrated by the fine quadrature, so that T(z) >= T_lin(z) holds but for rounding. The row
-        is in units of `units.time`.
+        T_lin are integrated by the fine quadrature, so that T(z) >= T_lin(z) holds but for rounding. Rows
+        are in units of `units.time`.
 
         Args:
             y: coefficients (n,) of z_0 [1/s^2].
-            duration: the least value of T_lin [s].
+            durations: of the stages (m,) [s]; infinite where open.
             units: units of the program; its unknowns y are in 1 / time^2.
         """
         fine_z, weights = self.fine_quadrature
         z_0 = fine_z @ y * units.time**2  # (F,)
-        slope = SparseRows.of(((-0.5 * weights * z_0**-1.5) @ fine_z)[None])
-        constant = 1.5 * weights @ z_0**-0.5 - duration / units.time
-        return AffineRows({"y": slope}, np.array([constant]))
+        required = np.isfinite(durations)
+        weights = weights[required]
+        slopes = np.array([(-0.5 * stage * z_0**-1.5) @ fine_z for stage in weights])
+        constant = 1.5 * weights @ z_0**-0.5 - durations[required] / units.time
+        return AffineRows({"y": SparseRows.of(slopes)}, constant)
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds, as rows that must not be negative.
@@ -399,10 +455,18 @@ class SpeedProgram:
             units: units of time and torque of the program; y is in 1 / time^2.
         """
         torques = []
-        for (matrix, offset), reference in zip(self.rows.torque, self.problem.reference, strict=True):
+        for motor, reference in enumerate(self.problem.reference):
+            matrix, offset = self.rows.torque[motor]
             unit = reference * units.torque
-            torques.append(AffineRows({"y": matrix / (unit * units.time**2)}, offset / unit))
+            parts = {"y": matrix / (unit * units.time**2)}
+            if self.frames is not None:
+                parts["x"] = self.rows.internal[motor] * (self._internal_unit(units) / unit)
+            torques.append(AffineRows(parts, offset / unit))
         return torques
+
+    def _internal_unit(self, units: Units) -> float:
+        """Return the unit [N m] of the internal torques' coefficients in a program of these units."""
+        return float(self.problem.reference.min() * units.torque)
 
     def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
         """Return the bound of a motor's relative torque, in its unit; infinite without a bound.
@@ -419,9 +483,16 @@ class SpeedProgram:
         limit = self.problem.specification.torque_limit[motor]
         if goal == "limits" or not bounds.torque_limits or not np.isfinite(limit):
             return largest
-        holding_torque = np.abs(self.rows.torque[motor].offset[[0, len(self.xi) - 1]]).max()  # at an end
+        holding_torque = self._holding_torques[motor]
         allowed = max(bounds.share * limit, min(holding_torque, limit))
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
+
+    @cached_property
+    def _holding_torques(self) -> Array:
+        """The larger torques (n_a,) [N m] of both ends where z = u = 0, of least peak if shared freely."""
+        ends = [0, len(self.xi) - 1]
+        torques = np.stack([torque.offset[ends] for torque in self.rows.torque], axis=1)
+        return np.asarray(np.abs(self.problem.least_peak(torques, self.xi[ends])).max(axis=0))
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
@@ -446,14 +517,17 @@ class SpeedProgram:
         if powered:
             inside = self._inner_points
             twice_torque = [
-                AffineRows({"y": 2.0 * torque.parts["y"][inside]}, 2.0 * torque.offset[inside])
+                AffineRows(
+                    {name: 2.0 * matrix[inside] for name, matrix in torque.parts.items()},
+                    2.0 * torque.offset[inside],
+                )
                 for torque in self._torques_in_units(units)
             ]
             cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
         return cones
 
 
-def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> list[Array]:
+def _weigh_limits(xi: Array, cells: Array, crossings: Array) -> list[Array]:
     """Return weights (M,) of the values at all points, for each crossing.
 
     The weighted sum is the limit at the crossing. A torque at a crossing is 0 / 0. Its limit is interpolated
@@ -463,17 +537,20 @@ def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> l
     Args:
         xi: (M,) points, cell by cell, between the ends -1 and 1, which belong to no cell.
         cells: (k + 1,) edges of the cells.
-        counts: (k,) numbers of points of the cells.
         crossings: xi of the crossings.
     """
-    # (k,) index of the first point of each cell; the end -1 is point 0
-    first_points = 1 + np.cumsum(counts) - counts
     weights = []
     for crossing in crossings:
         for cell in np.flatnonzero(cells_about(cells, crossing[None])):
-            points = first_points[cell] + np.arange(counts[cell])
+            points = np.flatnonzero((cells[cell] < xi) & (xi < cells[cell + 1]))
             weights.append(_lagrange_weights(xi, points, crossing))
     return weights
+
+
+def _split_by_stage(problem: LawProblem, xi: Array, weights: Array) -> Array:
+    """Return the weights (M,) of points xi (M,) for each stage between required instants, (m, M)."""
+    stages = np.arange(len(problem.stops) + 1)
+    return np.asarray(weights * (np.searchsorted(problem.stop_xi, xi) == stages[:, None]))
 
 
 def _subdivide(edges: Array, parts: int) -> Array:
@@ -503,7 +580,7 @@ def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> 
     return xi, xi_weights / xi_slope
 
 
-def _lagrange_weights(xi: Array, chosen: Array, x: float) -> Array:
+def _lagrange_weights(xi: Array, chosen: IntArray, x: float) -> Array:
     """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x.
 
     The weight of point i is the product of (x - x_j) / (x_i - x_j) over all chosen points j other than i.
@@ -543,10 +620,14 @@ def _bound_size(
 
     `peak` is an unknown of the program. Without a `peak_share` it does not count.
     """
-    matrix = torque.parts["y"]
-    peak = {} if peak_share is None else {"peak": _constant_column(matrix, peak_share)}
+    peak = {} if peak_share is None else {"peak": _constant_column(torque.parts["y"], peak_share)}
     return [
-        _scale_large_rows(AffineRows({"y": sign * matrix, **peak}, sign * torque.offset + largest))
+        _scale_large_rows(
+            AffineRows(
+                {**{name: sign * matrix for name, matrix in torque.parts.items()}, **peak},
+                sign * torque.offset + largest,
+            )
+        )
         for sign in (-1.0, 1.0)
     ]
 

@@ -31,9 +31,10 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
+from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
 from framework.singularity.points_on_path import SingularPoint
-from framework.tolerances import DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
+from framework.tolerances import BOUND_MARGIN, DAMPING_TORQUE_ERROR, LIMIT_MARGIN, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # linearisations of damping about the previous law
 SLOWER_STARTS = np.arange(9, 0, -1) / 10  # shares of the speed of a start from which no law brakes
@@ -153,15 +154,18 @@ def adapt_found_law(
 
 
 def problem_of(
-    task: Task, points: Sequence[SingularPoint], speed_places: Sequence[float] | None = None
+    task: Task, points: Sequence[SingularPoint], places: Sequence[float] | None = None
 ) -> LawProblem:
     """Return the problem of a task, without damping.
 
     Args:
         points: where condition (8) must hold.
-        speed_places: s of the required speeds; by default the points.
+        places: s of the required times and speeds; by default the points.
     """
-    return LawProblem(task, *conditions_at(task, points, None, speed_places))
+    if places is None:
+        places = [point.s for point in points]
+    stops = [float(task.phi.inverse(s)) for s in places] if task.specification.times else ()
+    return LawProblem(task, *conditions_at(task, points, None, places), tuple(stops))
 
 
 def solve_problem(
@@ -228,7 +232,8 @@ def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: 
         problem = _linearise_damping(problem, points, law.squared_speed)
         rows = condition_rows(problem, law.basis)
         try:
-            law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
+            y = space.adjust(law.coefficients, rows, problem.instants_until(law.duration))
+            law = replace(law, coefficients=y)
         except InvalidInput as reason:
             raise NotConverged(
                 f"{problem.task.robot.name}: no law near the best has condition (8) with damping ({reason})",
@@ -270,12 +275,34 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     start = ""
     if evidence.start_speed is not None:
         start = f" from s' = {problem.specification.ends.start[0]:g} 1/s"
-    reason = f"no law of free shape was found{start}"
+    reason = f"no law of free shape was found{start}{_describe_times(none.program)}"
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)
         start += ", too fast to brake within the limits" if start else ""
         reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
     return NoLaw(f"{name}: {reason}: {evidence.sentence}", proof=proof, evidence=evidence)
+
+
+def _describe_times(program: SpeedProgram) -> str:
+    """Return the required times in words, with the stages for which no law within the limits is quick enough.
+
+    A stage leads from the start or a crossing to the next crossing or the end.
+    """
+    problem = program.problem
+    times = problem.specification.times
+    if not times:
+        return ""
+    words = f" that crosses at t = {', '.join(f'{t:g}' for t in times)} s"
+    units = Units(problem.specification.max_duration or times[-1], 1.0)
+    instants = ["the start", *(f"t = {t:g} s" for t in times), "the end"]
+    for stage, required in enumerate(problem.stages):
+        quickest = program.minimise("time", Bounds(), units, stage=stage) if np.isfinite(required) else None
+        if isinstance(quickest, Speed) and quickest.durations[stage] > required:
+            words += (
+                f", but from {instants[stage]} to {instants[stage + 1]} the quickest found within the limits "
+                f"takes {quickest.durations[stage]:.4g} s"
+            )
+    return words
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
@@ -296,8 +323,10 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
     if ends.moving[int(holding.s)]:
         speed, acceleration = ends.derivatives(2)[int(holding.s)]
         load = f"drive with {needed} {unit} at s' = {speed:g} 1/s and s\" = {acceleration:g} 1/s^2"
+    shared = ", even with the load shared best" if problem.specification.shares_freely else ""
     return NoLaw(
-        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may {allowed}",
+        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may "
+        f"{allowed}{shared}",
         proof=holding,
         evidence=evidence,
     )
@@ -376,8 +405,10 @@ def _overloaded_at_ends(problem: LawProblem) -> HoldingTorque | None:
     limit = problem.specification.torque_limit
     at_rest = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0])).torque.constant
     is_moving = np.array(problem.specification.ends.moving)[:, None]
-    holding = np.abs(np.where(is_moving, torques_at_ends(task), at_rest))  # (2, n_a)
-    overloaded = np.argwhere(holding > limit)  # rows (end, motor)
+    torques = np.where(is_moving, torques_at_ends(task), at_rest)  # (2, n_a)
+    holding = np.abs(problem.least_peak(torques, np.array([-1.0, 1.0])))
+    rounding = BOUND_MARGIN if problem.specification.shares_freely else 0.0  # of a solver
+    overloaded = np.argwhere(holding > (1.0 + rounding) * limit)  # rows (end, motor)
     if not len(overloaded):
         return None
     end, motor = overloaded[0]  # end: 0 for s = 0, 1 for s = 1

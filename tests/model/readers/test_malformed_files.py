@@ -248,14 +248,16 @@ def test_a_changed_file_gives_its_error(name, old, new, expected, tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("empty.yaml", "", "needs a mapping of keys, got None"),
-        ("empty.xml", "", "not well-formed XML"),
+        ("empty.yaml", "", "is empty"),
+        ("empty.xml", "\n", "is empty"),
+        ("pointer.urdf", "version https://git-lfs.github.com/spec/v1\nsize 9", "a pointer of Git LFS"),
         ("text.yaml", "hello", "needs a mapping of keys, got 'hello'"),
         ("keys.yaml", "colour: red", "unknown dialect: has neither version"),
         ("date.yaml", "closed_loop: 2024-99-99", "not valid YAML"),
         ("long.yaml", "closed_loop: [" + "a, " * 200_000 + "]", "characters of YAML; at most"),
         ("lonely.yaml", "closed_loop: [[a, b]]", "lonely.urdf: cannot read it: No such file"),
-        ("html.xml", "<html><body/></html>", "unknown dialect: unknown root element 'html'"),
+        ("html.xml", "<!DOCTYPE html><html/>", "a page of HTML: download the file itself"),
+        ("other.xml", "<model/>", "unknown dialect: unknown root element 'model'"),
         ("sdf.sdf", "<sdf version='1.9'/>", "there is no joint in it"),
         ("plain.urdf", "<robot name='r'><link name='a'/></robot>", "a URDF without loops"),
         (

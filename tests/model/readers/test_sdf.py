@@ -413,3 +413,6 @@ def test_limits_without_a_size_are_none(tmp_path, size):
     (tmp_path / "robot.sdf").write_text(text)
     described = parse_any(tmp_path / "robot.sdf", propose=propose)
     assert described.urdf.find("joint[@name='left_motor']").get("type") == "continuous"
+    (tmp_path / "robot.sdf").write_text(text.replace(f"-{size}", "-0.5"))
+    limit = parse_any(tmp_path / "robot.sdf", propose=propose).urdf.find("joint[@name='left_motor']/limit")
+    assert (float(limit.get("lower")), float(limit.get("upper"))) == (-0.5, 1e9)

@@ -223,6 +223,34 @@ def test_an_impossible_limit_stops_what_moves(tmp_path):
         read(tmp_path, fingers(more), motors=["ja", "jd"])
 
 
+@pytest.mark.parametrize("size", ["inf", "Infinity", "1.79769e+308", "1e9"])
+def test_limits_that_no_motion_reaches_are_none(tmp_path, size):
+    def read_ranges(lower: str, upper: str):
+        limit = f'<limit lower="{lower}" upper="{upper}" effort="{size}" velocity="{size}"/>'
+        text = fingers().replace(joint("ja", "palm", "a"), joint("ja", "palm", "a", limit))
+        parsed = read(tmp_path, text.replace('"continuous"', '"revolute"', 1), motors=["ja"])
+        return ParallelRobot.from_description(parsed.description).joint_ranges[:, 0].tolist()
+
+    assert read_ranges(f"-{size}", size) == [-np.inf, np.inf]
+    assert read_ranges("-0.5", size) == [-0.5, 1e9]
+
+
+def test_a_hinge_with_limits_of_many_turns_is_closed_within_half_a_turn(tmp_path):
+    wide = '<limit lower="-180" upper="180" effort="1" velocity="1"/></joint>'
+    text = five_bar_urdf().replace("</joint>", wide).replace("continuous", "revolute")
+    robot = ParallelRobot.from_description(read(tmp_path, text).description)
+    assert len(robot.limits) == 4
+    assert 1.0 < np.abs(robot.reference.q).max() < np.pi
+
+
+def test_a_joint_named_as_pinocchio_names_the_world_is_refused(tmp_path):
+    with pytest.raises(RobotFileError, match=r"joint 'universe': .*rename the joint"):
+        read(tmp_path, fingers().replace('"jb"', '"universe"'))
+    fixed = '<link name="universe"/><joint name="universe" type="fixed"><parent link="a"/>'
+    parsed = read(tmp_path, fingers(fixed + '<child link="universe"/></joint>'), motors=["ja"])
+    assert ParallelRobot.from_description(parsed.description).n == 1
+
+
 def with_motors(text: str, *names: str) -> str:
     motors = "".join(f'<joint name="{name}"/>' for name in names)
     return text.replace("</robot>", f"<transmission>{motors}</transmission></robot>")
@@ -441,6 +469,14 @@ def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, i
         (
             '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="a"/></robot>',
             "xacro FILE",
+        ),
+        (
+            '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+            "expand the file that includes it",
+        ),
+        (
+            '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+            "<include>: expand the xacro macros first: xacro FILE",
         ),
         ("<robot name='r'>\n<% n = 3 %>\n</robot>", "a template of ERB: fill it in first: erb FILE"),
         (

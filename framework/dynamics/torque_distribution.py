@@ -1,0 +1,338 @@
+"""Torques of redundant motors: how the motors of a rigid robot share the load of a motion.
+
+The motion determines torques tau of its n_a motors up to internal torques N x, which move nothing and strain
+the robot alone: M N = 0 with the M of `forces.balanced_forces`, r = n_a - n columns. In units of a reference,
+torques t = tau / reference have the projector Q on internal torques, and
+
+    t = (1 - Q) t + Q sum_k B_k(time) N_k x_k
+
+is a distribution of the load for any x: the first part is the one of least norm, B_k are cubic splines, and
+the columns of N_k are an orthonormal basis of internal torques at the centre of spline k. Q makes the sum
+internal at every instant, so that the equations of motion hold whatever the x. Of all x that keep the limits,
+the one of least norm is taken: it is unique.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.dynamics.forces import internal_projectors, tree_forces
+from framework.dynamics.motion_checks import check_instants, residual_torques
+from framework.dynamics.result import InverseDynamics
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, peak_sizes
+from framework.numerics.cone_program import (
+    AffineRows,
+    ConeProgram,
+    Unsolved,
+    linear_rows,
+    solve_cone_program,
+)
+from framework.numerics.sparse_rows import SparseRows
+from framework.numerics.splines import find_intervals, spline_values
+from framework.tolerances import LIMIT_MARGIN
+
+SPLINE_DEGREE = 3  # of internal torques
+MIN_PARTS, MIN_CELLS = 2, 48  # of a panel of the torques; of a motion
+FIRST_ROWS = 0.7  # torques of least norm above this share of a limit have rows of it from the first
+BETWEEN = np.array([0.25, 0.5, 0.75])  # points between two nodes, at which torques are compared, too
+MAX_ROUNDS = 8  # of adding rows
+MAX_NODES = 16  # of a cell, on which internal torques are polynomials times a smooth projector
+ROOMS = (0.1 * LIMIT_MARGIN,)  # shares of limits that are left free, tried in turn
+PEAK_ROUNDING = 1e-5  # share by which a least peak may be exceeded: an error of the solver
+ROW_ROUNDING = 1e-6  # share by which a limit is exceeded at a node that then gets rows
+
+
+class InternalSplines(NamedTuple):
+    """The cubic B-splines B_k of internal torques on cells between edges (c + 1,), n = c + 3 of them."""
+
+    edges: Array
+
+    @property
+    def knots(self) -> Array:
+        """Knots (n + 4,) of the splines."""
+        first, last = np.repeat(self.edges[[0, -1]], SPLINE_DEGREE).reshape(2, -1)
+        return np.concatenate([first, self.edges, last])
+
+    @property
+    def centres(self) -> Array:
+        """Centres (n,) of the splines: the means of their inner knots."""
+        return np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE).mean(axis=1)
+
+    def matrix(self, points: Array) -> SparseRows:
+        """Compute the matrix (T, n) of all splines at points (T,)."""
+        points = np.clip(points, self.edges[0], self.edges[-1])
+        intervals = find_intervals(self.knots, SPLINE_DEGREE, points)
+        values = spline_values(self.knots, SPLINE_DEGREE, intervals, points, 0)
+        columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
+        return SparseRows.place_columns(columns, values, len(self.edges) - 1 + SPLINE_DEGREE)
+
+
+def internal_frames(projectors: Array, r: int, reference: Array | None = None) -> Array:
+    """Compute orthonormal bases (T, n_a, r) of internal torques from projectors (T, n_a, n_a) on them.
+
+    Args:
+        r: number of redundant motors.
+        reference: (n_a,) by which internal torques are divided; 1 by default.
+    """
+    frames = np.linalg.eigh(projectors)[1][..., -r:]  # of the eigenvalue 1, the largest
+    return frames if reference is None else np.linalg.qr(frames / reference[:, None])[0]
+
+
+def internal_rows(projectors: Array, splines: SparseRows, frames: Array) -> tuple[SparseRows, ...]:
+    """Compute rows (T, n r) of the internal torque of each motor, linear in the coefficients x of n splines.
+
+    The torques at a point are Q sum_k B_k N_k x_k.
+
+    Args:
+        projectors: Q (T, n_a, n_a).
+        splines: values (T, n) of B_k.
+        frames: N_k (n, n_a, r).
+    """
+    n, n_a, r = frames.shape
+    blocks = projectors[splines.row] @ frames[splines.column] * splines.values[:, None, None]  # (E, n_a, r)
+    row = splines.row.repeat(r)
+    column = (splines.column[:, None] * r + np.arange(r)).ravel()
+    shape = (splines.shape[0], n * r)
+    return tuple(SparseRows(row, column, blocks[:, j].ravel(), shape) for j in range(n_a))
+
+
+def second_differences(frames: Array) -> SparseRows:
+    """Compute rows of c_(k-1) - 2 c_k + c_(k+1) of the internal torques c_k = N_k x_k of splines k.
+
+    Args:
+        frames: N_k (n, n_a, r).
+
+    Returns:
+        A matrix ((n - 2) n_a, n r).
+    """
+    n, n_a, r = frames.shape
+    k, motor, column, step = np.indices((n - 2, n_a, r, 3)).reshape(4, -1)
+    weights = np.array([1.0, -2.0, 1.0])
+    values = weights[step] * frames[k + step, motor, column]
+    return SparseRows.sort_entries(k * n_a + motor, (k + step) * r + column, values, ((n - 2) * n_a, n * r))
+
+
+def least_peak_torques(torques: Array, projectors: Array, limit: Array, r: int) -> Array:
+    """Compute torques (T, n_a) of least peak over limits (n_a,), that differ by internal torques.
+
+    Args:
+        torques: (T, n_a) [N m], of any distribution.
+        projectors: (T, n_a, n_a) on internal torques.
+        limit: (n_a,) [N m]; infinite for motors that do not count.
+        r: number of redundant motors.
+    """
+    limited = np.flatnonzero(np.isfinite(limit))
+    if not len(limited):
+        return torques
+    unit = limit.min()
+    points = SparseRows.identity(len(torques))  # each point has an x and a peak of its own
+    rows = internal_rows(projectors, points, internal_frames(projectors, r))
+    bounds = [
+        AffineRows(
+            {"x": sign * rows[motor], "peak": points * (limit[motor] / unit)}, sign * torques[:, motor] / unit
+        )
+        for motor in limited
+        for sign in (-1.0, 1.0)
+    ]
+    count = len(torques)
+    unique = linear_rows(x=SparseRows.identity(r * count) * PEAK_ROUNDING)  # of all x, nearly the least
+    optimum = solve_cone_program(
+        ConeProgram({"x": r * count, "peak": count}, {"peak": np.ones(count)}, unique, nonnegative=bounds)
+    )
+    if isinstance(optimum, Unsolved):
+        return torques
+    return torques + unit * np.stack([row @ optimum["x"] for row in rows], axis=1)
+
+
+def distribute_torques(
+    result: InverseDynamics, limit: Array, reference: Array, *, least_norm: bool, least_peak: bool
+) -> InverseDynamics:
+    """Distribute the torques of a rigid motion over redundant motors, within limits if possible.
+
+    Torques of least norm that keep the limits stay as they are, unless another goal is asked for. If no
+    distribution keeps the limits, the one that exceeds them least is taken.
+
+    Args:
+        limit: (n_a,) [N m], motor side; infinite for motors without a limit.
+        reference: (n_a,) [N m] by which torques are divided.
+        least_norm: whether the norm of torque / reference is to be the least at each instant.
+        least_peak: whether the largest torque / reference of the motion is to be the least.
+    """
+    if not (least_norm or least_peak) and _excess(result, result.torques, limit) <= 1.0:
+        return result
+    motion = _SharedMotion.of(result, reference)
+    if not least_peak:
+        torques = motion.torques(None)
+        if _excess(result, torques, limit) <= 1.0:
+            return motion.certify(torques)
+    # of least norm within the limits, if possible with room for peaks between the nodes
+    limits = [(1.0 - room) * limit for room in ROOMS]
+    least = None
+    if least_peak:
+        least = motion.solve_least_peak(reference)
+        if least is None:
+            return result
+        limits = [np.minimum(limit, (1.0 + PEAK_ROUNDING) * least.peak * reference)]
+    solutions = filter(None, map(motion.solve_least_norm, limits))
+    shared = next(solutions, None) or least or motion.solve_least_peak(limit)
+    return result if shared is None else motion.certify(motion.torques(shared.x))
+
+
+def _excess(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
+    """Compute the largest ratio of torques, with the dry friction of a motion, to their limits (n_a,)."""
+    changed = replace(result, torques=torques)
+    peaks = peak_sizes(changed.torque, torques.edges, torques.coefficients.shape[1])
+    return float((peaks / limit).max())
+
+
+class _Internal(NamedTuple):
+    """Coefficients x (n r,) of internal torques, and the peak of all torques over their limits."""
+
+    x: Array
+    peak: float
+
+
+@dataclass(frozen=True, eq=False)
+class _SharedMotion:
+    """A motion whose torques are to be distributed, on a grid of T nodes; torques over the reference.
+
+    shares: (T, n_a) of least norm, without dry friction.
+    friction: (T, n_a) dry friction.
+    rows: internal torques (T, n r) of each motor, linear in x.
+    """
+
+    result: InverseDynamics
+    reference: Array
+    grid: TimeGrid
+    shares: Array
+    friction: Array
+    rows: tuple[SparseRows, ...]
+
+    @staticmethod
+    def of(result: InverseDynamics, reference: Array) -> _SharedMotion:
+        """Cut the panels of a motion's torques in cells of splines in time, MIN_CELLS or more."""
+        size = result.torques.coefficients.shape[1]
+        edges = result.torques.edges
+        parts = max(MIN_PARTS, -(-MIN_CELLS // (len(edges) - 1)))
+        starts = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(parts) / parts
+        grid = TimeGrid(np.append(starts, edges[-1]), min(size, MAX_NODES))
+        times = grid.times
+        projectors = _scaled_projectors(result, times, reference)
+        shares = result.torques(times) / reference
+        shares -= (projectors @ shares[..., None])[..., 0]
+        friction = np.zeros_like(shares) if result.friction is None else result.friction(times) / reference
+
+        splines = InternalSplines(grid.edges)
+        at_centres = _scaled_projectors(result, splines.centres, reference)
+        frames = internal_frames(at_centres, result.robot.n_a - result.robot.n)
+        rows = internal_rows(projectors, splines.matrix(times), frames)
+        return _SharedMotion(result, reference, grid, shares, friction, rows)
+
+    def _shares_with(self, x: Array | None) -> Array:
+        """Compute the torques (T, n_a) over the reference with the internal ones of x (n r,), if any."""
+        if x is None:
+            return self.shares
+        return self.shares + np.stack([row @ x for row in self.rows], axis=1)
+
+    def torques(self, x: Array | None) -> TimeFunction:
+        """Fit the torques with the internal ones of coefficients x (n r,), without dry friction."""
+        return self.grid.fit(self.reference * self._shares_with(x))
+
+    def certify(self, torques: TimeFunction) -> InverseDynamics:
+        """Return the motion with other torques, and with the certificate of these."""
+        result, robot = self.result, self.result.robot
+        times = check_instants(robot, self.grid)
+        motion = result.motion(times)
+        rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
+        joint_torques = robot.gear_ratio * (torques(times) - rotors)
+        residual = residual_torques(robot, motion.linearised, tree_forces(robot, motion), joint_torques)
+        residual[:, robot.structure.idle] = 0.0  # limited by `check_idle_joints`
+        certificate = replace(
+            result.certificate,
+            tail=max(result.certificate.tail, torques.tail),
+            max_residual_torque=float(np.abs(residual).max()),
+        )
+        return replace(result, torques=torques, certificate=certificate)
+
+    def solve_least_norm(self, limit: Array) -> _Internal | None:
+        """Solve for the x of least norm within limits (n_a,) at all nodes; None if unsolved."""
+        count = self.rows[0].shape[1]
+        square = linear_rows(x=SparseRows.identity(count))
+        return self._solve_within(ConeProgram({"x": count}, square=square), limit, fixed=True)
+
+    def solve_least_peak(self, limit: Array) -> _Internal | None:
+        """Solve for the x of least peak over limits (n_a,) at all nodes; None if unsolved."""
+        sizes = {"x": self.rows[0].shape[1], "peak": 1}
+        return self._solve_within(ConeProgram(sizes, {"peak": np.ones(1)}), limit, fixed=False)
+
+    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> _Internal | None:
+        """Solve a program of x and `peak` with |torque| <= peak limit at all nodes; None if unsolved.
+
+        Rows where torques of least norm are large come first, and others where the solution exceeds limits.
+
+        Args:
+            limit: (n_a,) [N m]; motors with an infinite limit have no rows.
+            fixed: whether the peak is 1.
+        """
+        shares = self.shares + self.friction
+        allowed = np.tile(limit / self.reference, (len(shares), 1))  # (T, n_a)
+        has_row = np.abs(shares) > FIRST_ROWS * allowed
+        if not fixed:
+            has_row |= np.isfinite(allowed)
+        has_row[::2] = False
+        for _ in range(MAX_ROUNDS):
+            bounds = []
+            for motor in np.flatnonzero(has_row.any(axis=0)):
+                chosen = np.flatnonzero(has_row[:, motor])
+                largest = allowed[chosen, motor]
+                for sign in (-1.0, 1.0):
+                    parts = {"x": sign * self.rows[motor][chosen]}
+                    offset = sign * shares[chosen, motor]
+                    if fixed:
+                        offset = offset + largest
+                    else:
+                        parts["peak"] = SparseRows.of(largest[:, None])
+                    bounds.append(AffineRows(parts, offset))
+            optimum = solve_cone_program(replace(program, nonnegative=bounds))
+            if isinstance(optimum, Unsolved):
+                return None
+            internal = _Internal(optimum["x"], 1.0 if fixed else float(optimum["peak"][0]))
+
+            # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
+            sizes = np.abs(self._shares_with(internal.x) + self.friction)
+            beside = np.maximum(sizes, self._largest_beside(internal.x))
+            is_exceeded = beside > (1.0 + ROW_ROUNDING) * internal.peak * limit / self.reference
+            if not is_exceeded.any():
+                break
+            allowed[is_exceeded] *= sizes[is_exceeded] / beside[is_exceeded]
+            has_row |= is_exceeded
+        return internal
+
+    def _largest_beside(self, x: Array) -> Array:
+        """Compute the largest torques (T, n_a) over the reference between each node and its neighbours.
+
+        They are those at BETWEEN points of each interval between two nodes of a cell.
+        """
+        series = self.grid.fit(self._shares_with(x)).coefficients  # (cells, size, n_a)
+        size = series.shape[1]
+        at_nodes = nodes(size)
+        points = at_nodes[:-1, None] + np.diff(at_nodes)[:, None] * BETWEEN  # (size - 1, p)
+        values = chebyshev.chebvander(points, size - 1) @ series[:, None]  # (cells, size - 1, p, n_a)
+        friction = self.friction.reshape(len(series), size, -1)
+        pad = ((0, 0), (1, 1), (0, 0))
+        right = np.pad(np.abs(values + friction[:, :-1, None]).max(axis=2), pad)  # (cells, size + 1, n_a)
+        left = np.pad(np.abs(values + friction[:, 1:, None]).max(axis=2), pad)
+        return np.maximum(right[:, 1:], left[:, :-1]).reshape(self.shares.shape)
+
+
+def _scaled_projectors(result: InverseDynamics, times: Array, reference: Array) -> Array:
+    """Compute the projectors (T, n_a, n_a) on internal torques over a reference (n_a,), at times (T,)."""
+    robot = result.robot
+    projectors = internal_projectors(robot, result.motion(times).linearised)
+    frames = internal_frames(projectors, robot.n_a - robot.n, reference)
+    return np.asarray(frames @ frames.swapaxes(1, 2))

@@ -1,0 +1,142 @@
+"""Redundant motors share the load: against linear programs of a point that three massless struts move."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import robots
+from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
+from framework.planning.optimal.peak_bound import bound_plan
+
+BASES = np.array([[0.0, 0.0], [1.0, 0.0], [0.4, 1.0]])  # of the struts [m]
+MASS = 2.0  # of the point [kg]
+START, GOAL = np.array([0.3, 0.35]), np.array([0.6, 0.45])  # [m]
+FORCE = 5.0  # limit of each strut [N]
+
+LEG = """
+  <joint name="swing_{k}" type="continuous">
+    <parent link="base"/><child link="sleeve_{k}"/><origin xyz="{x} {y} 0"/><axis xyz="0 0 1"/>
+  </joint>
+  <link name="sleeve_{k}"/>
+  <joint name="slide_{k}" type="prismatic">
+    <parent link="sleeve_{k}"/><child link="rod_{k}"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" effort="1000" velocity="1000"/>
+  </joint>
+  <link name="rod_{k}">{body}</link>"""
+BODY = (
+    f'<inertial><mass value="{MASS}"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    """A point of mass on the first of three struts, which slide along their own lines."""
+    folder = tmp_path_factory.mktemp("struts")
+    legs = [LEG.format(k=k, x=x, y=y, body=BODY if k == 0 else "") for k, (x, y) in enumerate(BASES)]
+    (folder / "struts.urdf").write_text(f'<robot name="struts"><link name="base"/>{"".join(legs)}</robot>')
+    ways = START - BASES
+    reference = {f"slide_{k}": float(np.hypot(*way)) for k, way in enumerate(ways)}
+    reference |= {f"swing_{k}": float(np.arctan2(way[1], way[0])) for k, way in enumerate(ways)}
+    (folder / "struts.yaml").write_text(
+        "version: 1\nurdf: struts.urdf\ngravity: [0, 0, 0]\nplatform: {frame: rod_0, axes: [x, y]}\n"
+        "actuators: [{joint: slide_0}, {joint: slide_1}, {joint: slide_2}]\nclosures:\n"
+        "  - {name: first, frames: [rod_0, rod_1], kind: spherical}\n"
+        "  - {name: second, frames: [rod_0, rod_2], kind: spherical}\n"
+        f"reference: {reference}\n"
+    )
+    return ParallelRobot.from_file(folder / "struts.yaml")
+
+
+def strut_directions(point):
+    """Unit vectors (2, 3) along the struts to a point."""
+    ways = (point - BASES).T
+    return ways / np.linalg.norm(ways, axis=0)
+
+
+def largest_acceleration(s):
+    """The largest |s"| [1/s^2] within the forces: a linear program in three forces and s"."""
+    balance = np.column_stack([strut_directions(START + s * (GOAL - START)), -MASS * (GOAL - START)])
+    bounds = [(-FORCE, FORCE)] * 3 + [(0, None)]
+    return linprog([0, 0, 0, -1], A_eq=balance, b_eq=np.zeros(2), bounds=bounds).x[3]
+
+
+def least_duration():
+    """The duration [s] of full acceleration, then full braking: a straight path has no centrifugal force."""
+    s = np.linspace(0.0, 1.0, 2001)
+    nodes = np.linspace(0.0, 1.0, 101)
+    limit = np.interp(s, nodes, [largest_acceleration(node) for node in nodes])
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (limit[1:] + limit[:-1]) * np.diff(s))])
+    root = np.sqrt(2.0 * np.minimum(work, work[-1] - work))  # s'
+    return float((2.0 * np.diff(s) / (root[1:] + root[:-1])).sum())
+
+
+def least_peak(plan, t):
+    """The least peak [N] of three forces that accelerate the point as the plan does, (T,)."""
+    peaks = []
+    for point, acceleration in zip(plan.platform(t), plan.platform(t, 2), strict=True):
+        balance = np.column_stack([strut_directions(point), np.zeros(2)])
+        sizes = np.column_stack([np.vstack([np.eye(3), -np.eye(3)]), -np.ones(6)])
+        found = linprog(
+            [0, 0, 0, 1],
+            A_ub=sizes,
+            b_ub=np.zeros(6),
+            A_eq=balance,
+            b_eq=MASS * acceleration,
+            bounds=[(None, None)] * 4,
+        )
+        peaks.append(found.x[3])
+    return np.array(peaks)
+
+
+def largest_imbalance(plan):
+    """The largest force [N] missing for the acceleration of the point at samples of the motion."""
+    t = np.linspace(0.0, plan.duration, 301)
+    forces = np.array(
+        [strut_directions(x) @ f for x, f in zip(plan.platform(t), plan.torque(t), strict=True)]
+    )
+    return np.abs(forces - MASS * plan.platform(t, 2)).max()
+
+
+@pytest.mark.slow
+def test_the_quickest_law_is_that_of_a_linear_program_and_its_bound_holds(robot, tmp_path):
+    path = Line(START, GOAL)
+    plan = plan_crossing(robot, path, optimize="time", torque_limit=FORCE)
+    least = least_duration()
+    assert least < plan.duration < 1.005 * least
+    assert 0.995 * least < bound_plan(plan).value <= least
+    assert np.abs(plan.torque(np.linspace(0.0, plan.duration, 2001))).max() <= FORCE
+    assert largest_imbalance(plan) < 1e-9
+    slower = plan_crossing(robot, path, optimize="time", torque_limit=FORCE, torque_sharing="least_norm")
+    assert slower.duration > 1.02 * plan.duration
+    plan.save(tmp_path)
+    loaded = load_plan(tmp_path)
+    t = np.linspace(0.0, plan.duration, 50)
+    assert np.abs(loaded.torque(t) - plan.torque(t)).max() < 1e-6 * FORCE
+
+
+@pytest.mark.slow
+def test_the_least_peak_is_that_of_the_best_distribution_of_its_motion(robot):
+    plan = plan_crossing(robot, Line(START, GOAL), duration=1.0, optimize="peak_torque")
+    peak = max(plan.peak_torque.values())
+    assert least_peak(plan, np.linspace(0.0, plan.duration, 101)).max() == pytest.approx(peak, rel=2e-3)
+    assert largest_imbalance(plan) < 1e-9
+
+
+def test_a_polynomial_within_limits_keeps_them_by_the_distribution_of_its_torques(robot):
+    path = Line(START, GOAL)
+    of_least_norm = plan_crossing(robot, path, duration=1.0)
+    least = least_peak(of_least_norm, np.linspace(0.0, 1.0, 41)).max()
+    peak = max(of_least_norm.peak_torque.values())
+    limit = 0.5 * (least + peak)
+    plan = plan_crossing(robot, path, duration=1.0, torque_limit=limit)
+    assert plan.law.kind == "polynomial"
+    assert least <= max(plan.peak_torque.values()) <= limit < peak
+    assert largest_imbalance(plan) < 1e-9
+    assert plan.certificate.tail < 1e-10
+    assert plan.certificate.max_residual_torque < 1e-9
+
+
+def test_elastic_robots_share_by_least_norm_alone():
+    elastic = robots.load("standing_quadruped", flexibility="flexible_joints")
+    with pytest.raises(InvalidInput, match="torque_sharing"):
+        plan_crossing(elastic, Line(np.zeros(6), np.ones(6)), duration=1.0, torque_sharing="free")
