@@ -120,8 +120,9 @@ def estimate(
     Raises:
         InvalidInput: fewer equations than parameters.
     """
-    min_passes, max_passes = 3, 12  # each with the noise that the solution before leaves
+    max_passes = 20  # each with the noise that the solution before leaves
     converged = 0.1  # length of a step of all parameters, in standard deviations
+    same_noise = 0.02  # relative change of its size
     count = int(np.count_nonzero(rows.valid))
     f = design.shape[1]
     if count <= f:
@@ -140,7 +141,8 @@ def estimate(
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
-    for k in range(max_passes):
+    size = np.zeros(n_a)  # of the noise
+    for _ in range(max_passes):
         # the equations at the corrected motion, with all errors
         corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + f)
         spurious = motion.change(response, draw)[..., 1:]
@@ -163,7 +165,9 @@ def estimate(
         noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
         if rows.independent == 1.0:  # else motors repeat one another
             unmix = _unmixing(noise, rows.valid, noise_filters)
-        if k + 1 >= min_passes and np.linalg.norm(step.root @ step.parameters) < converged:
+        size_before, size = size, np.sqrt(np.sum(noise**2 * rows.valid, axis=0))
+        is_same = np.abs(size - size_before) <= same_noise * size_before
+        if is_same.all() and np.linalg.norm(step.root @ step.parameters) < converged:
             break
     return Estimate(
         root=step.root,
