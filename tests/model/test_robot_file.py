@@ -265,7 +265,7 @@ def test_a_missing_key_points_to_its_misspelling_and_to_no_key_that_is_right(wri
 
 # the whole text of the robot file, words
 NO_ROBOT_FILES = [
-    (b"", ["mapping"]),
+    (b"", ["is empty"]),
     (b"- version: 1\n- urdf: five_bar.urdf\n", ["mapping"]),
     (b"five_bar\n", ["mapping", "five_bar"]),
     (b"\xff\xfe\x00\x93 robot", ["cannot read", "UTF-8"]),

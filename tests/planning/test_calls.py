@@ -16,10 +16,10 @@ MAX_GROWTH = 1.03
 CALLS = {
     ("five_bar", "C", "rigid", "auto"): 5430,
     ("five_bar", "C", "flexible_joints", "auto"): 9016,
-    ("five_bar", "C", "flexible_links", "auto"): 15248,
+    ("five_bar", "C", "flexible_links", "auto"): 15350,
     ("five_bar", "C", "rigid", "optimal"): 38854,
     ("delta", "cross", "rigid", "auto"): 7190,
-    ("gough_stewart", "tilt", "rigid", "auto"): 4126,
+    ("gough_stewart", "tilt", "rigid", "auto"): 4170,
 }
 
 
