@@ -200,7 +200,7 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "
             f"{robot.name} --platform X.. --all` lists all"
         )
-    return flip_legs(robot, poses[0], poses[1], motors, modes)
+    return flip_legs(robot, poses[0], poses[1], motors, modes=modes)
 
 
 def _check_options(options: Namespace, level: ChosenLevel | None) -> None:

@@ -6,7 +6,7 @@ from framework.planning.feasibility import (
     feasibility_on_path,
     optimal_durations,
 )
-from framework.planning.joint_path import choose_joint_path, with_platform_joints
+from framework.planning.joint_path import choose_joint_path, flip_legs, with_platform_joints
 from framework.planning.motion_table import Column, MotionTable
 from framework.planning.motor_use import MotorUse
 from framework.planning.neglected_effects import NeglectedEffect
@@ -38,6 +38,7 @@ __all__ = [
     "choose_joint_path",
     "feasibility_at",
     "feasibility_on_path",
+    "flip_legs",
     "load_plan",
     "optimal_durations",
     "plan_crossing",

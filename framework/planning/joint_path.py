@@ -100,12 +100,11 @@ def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointP
         NoLaw: none of these paths leads from the start to the platform and the motors of the goal, or each
             meets singularities that no law passes.
     """
-    moved = robot.actuator_names  # by no matter how much
-    return _choose_path(robot, start, [goal], goal, moved, lambda q: _is_same_mode(robot, q, goal))
+    return _choose_path(robot, start, [goal], goal, lambda q: _is_same_mode(robot, q, goal))
 
 
 def flip_legs(
-    robot: ParallelRobot, start: Array, goal: Array, motors: Sequence[str], modes: Sequence[Array]
+    robot: ParallelRobot, start: Array, goal: Array, motors: Sequence[str], *, modes: Sequence[Array] = ()
 ) -> JointPath:
     """Choose a path in joints, as `choose_joint_path`, on which just the legs of these motors flip.
 
@@ -125,7 +124,7 @@ def flip_legs(
         is_elsewhere = _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
         return _is_same_place(robot, q, goal) and np.array_equal(is_elsewhere, is_flipped)
 
-    return _choose_path(robot, start, modes, goal, motors, arrives)
+    return _choose_path(robot, start, modes, goal, arrives)
 
 
 def _choose_path(
@@ -133,7 +132,6 @@ def _choose_path(
     start: Array,
     modes: Sequence[Array],
     goal: Array,
-    motors: Sequence[str],
     arrives: Callable[[Array], bool],
 ) -> JointPath:
     """Choose a line to a mode, or a path by a stretched leg that arrives; raise as `choose_joint_path`."""
@@ -154,7 +152,7 @@ def _choose_path(
                 return path
     raise NoLaw(
         f"{robot.name}: of {tracked} lines in joints without motors, and {len(folds)} ways by a stretched or "
-        f"folded leg, none that a law can pass leads to a pose with {', '.join(motors)} elsewhere"
+        f"folded leg, none that a law can pass leads to the other working mode"
     )
 
 

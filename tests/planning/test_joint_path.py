@@ -9,8 +9,7 @@ import pytest
 import robots
 from framework import InvalidInput, JointPath, Line, NoAnswer, assemble, load_plan, plan_crossing, simulate
 from framework.cli import main
-from framework.planning import choose_joint_path, save_plan, with_platform_joints
-from framework.planning.joint_path import flip_legs
+from framework.planning import choose_joint_path, flip_legs, save_plan, with_platform_joints
 from framework.proofs.working_modes import working_modes
 from tests.oracles.equations_of_motion import defects_of
 
@@ -127,7 +126,7 @@ def test_a_leg_flips_where_it_is_stretched(name, motor, goal):
     """No line in joints leads there; the platform goes out to a fold of the leg and back."""
     robot = robots.load(name, flexibility="rigid")
     unflipped = assemble(robot, goal).q
-    chosen = flip_legs(robot, robot.reference.q, unflipped, [motor], [])
+    chosen = flip_legs(robot, robot.reference.q, unflipped, [motor])
     plan = plan_crossing(robot, chosen, duration=3.0)
     end = plan.configuration(plan.duration)
     turned = np.exp(1j * (end - unflipped))[robot.actuated]
