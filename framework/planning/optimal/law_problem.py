@@ -151,7 +151,7 @@ class LawProblem(NamedTuple):
         drives = self.specification.drives
         if drives is None:
             return self.task.robot.is_damped
-        return self.task.robot.is_damped or bool(drives.curved.any()) or self.averages_open_duration
+        return self.task.robot.is_damped or bool(drives.has_curve.any()) or self.averages_open_duration
 
     @property
     def averages_open_duration(self) -> bool:
@@ -362,7 +362,7 @@ def _curve_rows(
         return ()
     z0 = problem.linearised_about(z, sigma)
     curves = []
-    for k in np.flatnonzero(drives.curved).tolist():
+    for k in np.flatnonzero(drives.has_curve).tolist():
         no_load = drives.no_load_speed[k]
         tangent_at = np.full(len(sigma), FIRST_TANGENT * no_load)
         if z0 is not None:

@@ -610,7 +610,7 @@ def _has_predicted_peak(motion: OptimalMotion) -> bool:
     drives = program.problem.specification.drives
     if drives is None:
         return True
-    ratios = curve_ratios(motion.dynamics, drives)[drives.curved]
+    ratios = curve_ratios(motion.dynamics, drives)[drives.has_curve]
     predicted = np.array([curve(y).max() for curve in program.rows.curve])
     is_off = np.abs(ratios - predicted) >= PEAK_TORQUE_MISMATCH
     return not (is_off & (predicted > NEARLY_REACHED)).any()
