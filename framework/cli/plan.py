@@ -189,13 +189,13 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
     poses = [assemble(robot, x).q for x in (start, goal)]
     is_flipped = np.isin(robot.actuator_names, motors)
     (unflipped,) = robot.actuated_coordinates(poses[1][None])
-    found = working_modes(robot, goal)
+    working = working_modes(robot, goal)
     modes = [
         mode.q
-        for mode in found.modes
+        for mode in working.modes
         if np.array_equal(np.abs(mode.motors - unflipped) > SAME_PLACE * robot.length, is_flipped)
     ]
-    if not modes and found.are_all:
+    if not modes and working.are_all:
         raise InvalidInput(
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "
             f"{robot.name} --platform X.. --all` lists all"
@@ -250,13 +250,13 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
 
 
 def _write_vibrations(plan: CrossingPlan, folder: FilePath) -> None:
-    """Write natural frequencies and the response to torques along the path of a robot with springs."""
+    """Write natural frequencies and the response to torques along a path, with springs."""
     from framework.show.vibration_figures import path_vibrations
 
-    found = path_vibrations(plan)
-    if found is None:
+    on_path = path_vibrations(plan)
+    if on_path is None:
         return
-    s, result = found
+    s, result = on_path
     robot = plan.robot
     locked, free = (
         [f"{kind}_{k + 1}" for k in range(values.shape[1])]
@@ -347,7 +347,7 @@ def _plan_robustly(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound that no law can pass, with the plan's gap, or why none is known.
+    """Return the fact on the bound of all laws, or why none is known.
 
     Empty for polynomials.
     """

@@ -70,8 +70,8 @@ def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[
     ):
         for k in np.flatnonzero(np.isfinite(limits)).tolist():
             peak, largest, i = float(peaks[k]), float(limits[k]), int(np.abs(values[:, k]).argmax())
-            place = float(times[i]), float(s[i])
-            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *place))
+            instant = float(times[i]), float(s[i])
+            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *instant))
     if drives is None:
         return uses
 
@@ -80,9 +80,12 @@ def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[
     allowed = drives.largest_torque(speed)
     for k in np.flatnonzero(drives.has_curve).tolist():
         i = int(on_curves[:, k].argmax())
-        size, largest, place = abs(float(torque[i, k])), float(allowed[i, k]), (float(times[i]), float(s[i]))
-        at = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
-        uses.append(MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], at, *place))
+        size, largest = abs(float(torque[i, k])), float(allowed[i, k])
+        speed_text = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
+        instant = float(times[i]), float(s[i])
+        uses.append(
+            MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], speed_text, *instant)
+        )
     averages = rms_torques(dynamics, drives.cycle_time)
     for k in np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist():
         size, largest = float(averages[k]), float(drives.rms_torque_limit[k])

@@ -103,9 +103,9 @@ def path_vibrations(plan: CrossingPlan) -> tuple[Array, Vibrations] | None:
 
 def plot_vibrations(plan: CrossingPlan) -> Axes:
     """Plot over the path natural frequencies, and the platform's acceleration by motor torques."""
-    measured = path_vibrations(plan)
-    assert measured is not None
-    s, result = measured
+    on_path = path_vibrations(plan)
+    assert on_path is not None
+    s, result = on_path
     drawing = Figure(figsize=(3.5, 4.6), layout="constrained")
     top, ax = drawing.subplots(2, 1, sharex=True)
     for k, curve in enumerate(result.natural.T):

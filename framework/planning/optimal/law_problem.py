@@ -147,7 +147,7 @@ class LawProblem(NamedTuple):
 
     @property
     def is_linearised(self) -> bool:
-        """Whether damping or limits of drives are linearised about a law, so that a next law is sought."""
+        """Whether damping or limits of drives are linearised about a law."""
         drives = self.specification.drives
         if drives is None:
             return self.task.robot.is_damped
