@@ -169,7 +169,8 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
     use = find_largest_use(plain.dynamics, specification)
     assert use is not None
     quickest = None
-    if specification.max_duration is not None:
+    # RMS torques alone leave the first law of least time without a bound
+    if specification.max_duration is not None and (specification.limited or specification.limited_speeds):
         motion = _try_motion(task, goal="time", duration=None, longest=None)
         quickest = None if motion is None else motion.dynamics.duration
     share = 1.0 - task.request.margin
@@ -194,8 +195,8 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
         "" if quickest is None else f"; within all limits the quickest law found takes {quickest:.4g} s"
     )
     return NoLaw(
-        f"{task.robot.name}: no law of free shape was found within the limits of drives: under the best law "
-        f"within the other limits {use.sentence}{least_time}{words}",
+        f"{task.robot.name}: no law of free shape was found within torque-speed curves and RMS torques: "
+        f"under the best law within the other limits {use.sentence}{least_time}{words}",
         evidence=evidence,
     )
 
