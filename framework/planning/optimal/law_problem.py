@@ -93,7 +93,7 @@ class LawProblem(NamedTuple):
         return self.task.specification
 
     def internal_frames(self, splines: InternalSplines) -> Array | None:
-        """Compute frames (n, n_a, r) of internal torques at the centres of n splines; None without any.
+        """Compute frames (n, n_a, r) of internal torques at centres of n splines, if any.
 
         The r columns of a frame are an orthonormal basis of the torques that move nothing.
 
@@ -116,7 +116,7 @@ class LawProblem(NamedTuple):
         return least_peak_torques(torques, projectors, self.specification.torque_limit, robot.n_a - robot.n)
 
     def with_goal(self, goal: str, **changes: Any) -> LawProblem:
-        """Return the problem with another goal, and other `changes` of its specification except limits.
+        """Return the problem with another goal and other `changes` of its specification.
 
         The reference of peaks stays the same.
         """
