@@ -642,6 +642,12 @@ heavy legs, platform off by 0.1 mm: parameters off by 7 of their deviations, by 
 is left whose torques can be predicted.
 """
 
+MAX_PRIOR_SHARE = 0.2
+"""Share of an identified quantity's variance that the prior about the file may leave where the data decide.
+
+An interval of 95 % then holds 95 to 97 % of truths that are as near to the prior as it says.
+"""
+
 SIGNIFICANT_DEVIATIONS = 4.0
 """Standard deviations that an identified parameter is off the file's value by, to be called changed.
 

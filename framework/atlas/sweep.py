@@ -130,7 +130,7 @@ def _fill_lattice(
 def _choose_neighbours(
     filled: BoolArray, wanted: BoolArray, untried: BoolArray
 ) -> tuple[BoolArray, IntArray]:
-    """Choose a filled neighbour for each wanted pose that is not filled and has an untried one.
+    """Choose an untried, filled neighbour for each wanted pose that is not filled.
 
     Args:
         filled, wanted: masks (I, J).
@@ -167,7 +167,7 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 def _continue_states(
     robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int
 ) -> StepEnds:
-    """Continue T configurations as `step_poses` does."""
+    """Continue T configurations from `start` to `end` (T, n), as `step_poses`."""
     ends = _step_once(robot, states, start, end)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):

@@ -35,7 +35,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.joint_path import JointPath, flip_legs, with_platform_joints
+from framework.planning.joint_path import JointPath, flip_legs, flipped_motors, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
@@ -45,7 +45,6 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
 from framework.singularity.points_on_path import search_path
-from framework.tolerances import SAME_PLACE
 
 if TYPE_CHECKING:
     from framework.fidelity.predicted_level import ChosenLevel
@@ -188,14 +187,13 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
         check_choice("--to-mode", motor, robot.actuator_names)
     poses = [assemble(robot, x).q for x in (start, goal)]
     is_flipped = np.isin(robot.actuator_names, motors)
-    (unflipped,) = robot.actuated_coordinates(poses[1][None])
-    found = working_modes(robot, goal)
+    working = working_modes(robot, goal)
     modes = [
         mode.q
-        for mode in found.modes
-        if np.array_equal(np.abs(mode.motors - unflipped) > SAME_PLACE * robot.length, is_flipped)
+        for mode in working.modes
+        if np.array_equal(flipped_motors(robot, mode.q, poses[1]), is_flipped)
     ]
-    if not modes and found.are_all:
+    if not modes and working.are_all:
         raise InvalidInput(
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "
             f"{robot.name} --platform X.. --all` lists all"
@@ -250,13 +248,13 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
 
 
 def _write_vibrations(plan: CrossingPlan, folder: FilePath) -> None:
-    """Write natural frequencies and the response to torques along the path of a robot with springs."""
+    """Write natural frequencies and the response to torques along a path, with springs."""
     from framework.show.vibration_figures import path_vibrations
 
-    found = path_vibrations(plan)
-    if found is None:
+    on_path = path_vibrations(plan)
+    if on_path is None:
         return
-    s, result = found
+    s, result = on_path
     robot = plan.robot
     locked, free = (
         [f"{kind}_{k + 1}" for k in range(values.shape[1])]
@@ -347,7 +345,7 @@ def _plan_robustly(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound that no law can pass, with the plan's gap, or why none is known.
+    """Return the fact on the bound of all laws, or why none is known.
 
     Empty for polynomials.
     """

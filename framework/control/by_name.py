@@ -35,20 +35,22 @@ def _tune_lqg(setting: Setting) -> Controller:
     return models._replace(tuning=tuning).tune_lqg(loop)[0]
 
 
-def _gains(setting: Setting) -> dict[str, Any]:
+def _fixed_gain_options(setting: Setting) -> dict[str, Any]:
     """Return loop, bandwidth and integral of controllers with fixed gains."""
     tuning = setting.tuning
     return {"loop": setting.loop, "bandwidth": tuning.bandwidth, "integral": tuning.integral}
 
 
 CONTROLLERS: Mapping[str, Callable[[Setting], Controller]] = {
-    "feedforward": lambda one: FeedforwardPD.tune(one.reference, **_gains(one)),
+    "feedforward": lambda one: FeedforwardPD.tune(one.reference, **_fixed_gain_options(one)),
     "lqr": lambda one: tune_lqr(
         one.reference, loop=one.loop, weights=Weights(torque=one.tuning.torque_share)
     ),
     "lqg": _tune_lqg,
-    "computed_torque": lambda one: ComputedTorque.tune(one.reference, aware=True, **_gains(one)),
-    "naive_computed_torque": lambda one: ComputedTorque.tune(one.reference, aware=False, **_gains(one)),
+    "computed_torque": lambda one: ComputedTorque.tune(one.reference, aware=True, **_fixed_gain_options(one)),
+    "naive_computed_torque": lambda one: ComputedTorque.tune(
+        one.reference, aware=False, **_fixed_gain_options(one)
+    ),
 }
 
 

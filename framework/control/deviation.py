@@ -100,7 +100,7 @@ def closed_loop_deviation(
     acting = none
     is_lost = np.zeros(len(plants), dtype=bool)
     shares = np.repeat([1.0, 1.0 / NOISE_SAMPLES], [starts, samples])  # (columns,) of squares in variances
-    # variances until the end
+    # variances, of which the roots are taken at the end
     z, torque = np.empty((len(plants), count, N)), np.empty((len(plants), count, n_a))
     parts = [list(zip(*part, strict=True)) for part in zip(*plants, strict=True)]  # by instant
     for k in range(count):

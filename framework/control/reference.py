@@ -34,9 +34,7 @@ class Reference(ReadOnlyArrays):
     ddx: Array  # (K, n) their accelerations
     torque: Array  # (K, n_a) [N m; N of motors of slides], motor side, without dry friction
     torque_limit: Array  # (n_a,) limits that the plan was made for, motor side; infinite without
-    driving_limit: (
-        Array  # (K, n_a) the same at planned speeds, by torque-speed curves, for torques along them
-    )
+    driving_limit: Array  # (K, n_a) of torques along the planned speeds, by torque-speed curves
     period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side

@@ -11,6 +11,7 @@ Torques along a path, with a certificate
                             `loaded_measure` is the distance of that balance from singularity
     torque_response         first-order change of the torques of such a motion with the law
     singularity_crossings   the instants in a Type 2 singularity, with condition (8)
+    torque_distribution     how redundant motors share the load of a motion
     motion_checks           checks of the finished motion, and the errors if it is not resolved
     result                  the result and its certificate
     finite_differences      raw samples without a certificate
@@ -26,7 +27,7 @@ The platform
     platform_wrench         W_p, t_s and g; the wrenches of the motors, the lines along which they act, and
                             the admissible wrenches and speeds at one pose
     open_loop               growth of errors without feedback
-    motor_limits, motor_friction
+    motor_limits, drive_limits, motor_friction
 
 At rest
     stiffness               of the platform with locked motors; natural frequencies

@@ -26,7 +26,7 @@ from framework.numerics.chebyshev import gauss_legendre, peak_sizes
 
 
 class DriveLimits(NamedTuple):
-    """Limits of motors beyond the largest torque and the largest speed, motor side, (n_a,) each.
+    """Torque-speed curves and RMS torque limits of motors, motor side, (n_a,) each.
 
     torque_limit: T_0 [N m, N].
     corner_speed: w_c [rad/s, m/s]; infinite without a curve.
@@ -52,7 +52,7 @@ class DriveLimits(NamedTuple):
         )
 
     @property
-    def curved(self) -> BoolArray:
+    def has_curve(self) -> BoolArray:
         """The mask (n_a,) of motors with a torque-speed curve."""
         return np.isfinite(self.no_load_speed)
 
@@ -65,15 +65,15 @@ class DriveLimits(NamedTuple):
     def per_torque(self) -> Array:
         """The factor (n_a,) of the torque in (w + k T) / w_0: k / w_0; 0 without a curve."""
         factor = np.zeros(len(self.no_load_speed))
-        corner = self.corner_speed[self.curved] / self.no_load_speed[self.curved]
-        factor[self.curved] = (1.0 - corner) / self.torque_limit[self.curved]
+        corner = self.corner_speed[self.has_curve] / self.no_load_speed[self.has_curve]
+        factor[self.has_curve] = (1.0 - corner) / self.torque_limit[self.has_curve]
         return factor
 
     def largest_torque(self, speed: Array) -> Array:
         """Return the largest torque (..., n_a) [N m] that drives motors at speeds (..., n_a) [rad/s]."""
         with np.errstate(divide="ignore", invalid="ignore"):
             on_line = (1.0 - np.abs(speed) * self.per_speed) / self.per_torque
-        on_line = np.where(self.curved, np.maximum(on_line, 0.0), np.inf)
+        on_line = np.where(self.has_curve, np.maximum(on_line, 0.0), np.inf)
         return np.minimum(self.torque_limit, on_line)
 
     def curve_ratio(self, torque: Array, speed: Array) -> Array:
@@ -134,7 +134,7 @@ def drive_limits(
 
 @lru_cache(maxsize=16)
 def _has_drives(robot: ParallelRobot) -> bool:
-    """Return whether a motor of the robot file has a curve or an RMS limit."""
+    """Return whether the robot file states a curve or an RMS limit."""
     return any(
         motor.no_load_speed is not None or motor.rms_torque_limit is not None
         for motor in robot.description.actuators
@@ -144,15 +144,15 @@ def _has_drives(robot: ParallelRobot) -> bool:
 def curve_ratios(dynamics: InverseDynamics, drives: DriveLimits) -> Array:
     """Compute the largest |w + k T| / w_0 (n_a,) of a motion; 0 for motors without a curve."""
 
-    def ratio(t: Array) -> Array:
+    def ratios_at(t: Array) -> Array:
         """Return (w + k T) / w_0 (T, n_a) at t (T,) [s]."""
         return drives.curve_ratio(dynamics.torque(t), dynamics.motor_angle(t, 1))
 
-    return peak_sizes(ratio, dynamics.torques.edges, dynamics.torques.coefficients.shape[1])
+    return peak_sizes(ratios_at, dynamics.torques.edges, dynamics.torques.coefficients.shape[1])
 
 
 def rms_torques(dynamics: InverseDynamics, cycle_time: float | None = None) -> Array:
-    """Compute the root mean square (n_a,) [N m, N] of the torques of a motion, or of a cycle.
+    """Compute the RMS torques (n_a,) [N m, N] of a motion or a cycle.
 
     Each panel has as many Gauss points as the torques have coefficients, so that their squares are integrated
     exactly.

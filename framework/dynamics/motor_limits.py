@@ -43,11 +43,12 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     except InvalidInput:
         numbers = np.empty(0)  # refused by its shape
     has_bool = any(isinstance(value, bool) for value in values)
-    is_valid = numbers >= 0 if name == "corner_speed" else numbers > 0
+    may_vanish = name == "corner_speed"
+    is_valid = numbers >= 0 if may_vanish else numbers > 0
     if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(is_valid):
         raise InvalidInput(
-            f"{name}: needs one positive number, or one for each motor ({', '.join(robot.actuator_names)}), "
-            f"None where there is no limit, or some by joint, got {short(stated)}"
+            f"{name}: needs one {'number of at least 0' if may_vanish else 'positive number'}, or one for each "
+            f"motor ({', '.join(robot.actuator_names)}), None where there is no limit, or some by joint, got {short(stated)}"
         )
     return np.broadcast_to(numbers, robot.n_a).copy()
 

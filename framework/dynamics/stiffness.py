@@ -106,7 +106,7 @@ def natural_frequencies(free: CompliantMotions, count: int) -> Array:
 
 
 def least_ratios(H: Array, S: Array) -> tuple[Array, Array]:
-    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S, and its z (T, d).
+    """Compute the least ratio z' H z / z' S z (T,), and its z (T, d).
 
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
     of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
@@ -114,7 +114,7 @@ def least_ratios(H: Array, S: Array) -> tuple[Array, Array]:
     no mass. The shift sigma is tr H / tr S, so that it does not depend on units.
 
     Args:
-        H, S: symmetric matrices (T, d, d); H is positive semidefinite unless the robot buckles.
+        H, S: symmetric matrices (T, d, d); S is positive semidefinite, and H unless the robot buckles.
 
     Returns:
         The ratio and z; NaN if there is no least one, or where the robot buckles so far that H + sigma S is
@@ -146,11 +146,12 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
 
 
 def softest_motion(robot: ParallelRobot, free: CompliantMotions) -> tuple[Array, Array]:
-    """Compute the stiffness (T,) [N/m] of the platform's point in its softest direction (T, k), 0 at Type 2.
+    """Compute the platform's least stiffness (T,) [N/m] and its direction (T, k).
 
-    It is the least of z' K z / |X z|^2 over all motions z with locked motors, `free`. X z is the velocity of
-    the platform's point, and the direction a unit vector on its k axes, the largest entry positive. For a
-    platform that only turns, X z is its rate of rotation, and the result the rotational stiffness [N m/rad].
+    It is 0 at Type 2, and the least of z' K z / |X z|^2 over all motions z with locked motors, `free`. X z is
+    the velocity of the platform's point, and the direction a unit vector on its k axes, the largest entry
+    positive. For a platform that only turns, X z is its rate of rotation, and the result the rotational
+    stiffness [N m/rad].
     """
     X = free.X[:, moving_axes(robot)]
     stiffness, motions = least_ratios(free.K, matmul(X.swapaxes(1, 2), X))

@@ -39,16 +39,16 @@ from framework.tolerances import LIMIT_MARGIN
 SPLINE_DEGREE = 3  # of internal torques
 MIN_PARTS, MIN_CELLS = 2, 48  # of a panel of the torques; of a motion
 FIRST_ROWS = 0.7  # torques of least norm above this share of a limit have rows of it from the first
-BETWEEN = np.array([0.25, 0.5, 0.75])  # points between two nodes, at which torques are compared, too
+INNER_POINTS = np.array([0.25, 0.5, 0.75])  # of the interval of two nodes, where torques are compared, too
 MAX_ROUNDS = 8  # of adding rows
 MAX_NODES = 16  # of a cell, on which internal torques are polynomials times a smooth projector
-ROOMS = (0.1 * LIMIT_MARGIN,)  # shares of limits that are left free, tried in turn
+ROOM = 0.1 * LIMIT_MARGIN  # share of limits that is left free for peaks between the nodes
 PEAK_ROUNDING = 1e-5  # share by which a least peak may be exceeded: an error of the solver
 ROW_ROUNDING = 3e-5  # share by which a limit is exceeded at a node that then gets rows
 
 
 class InternalSplines(NamedTuple):
-    """The cubic B-splines B_k of internal torques on cells between edges (c + 1,), n = c + 3 of them."""
+    """The n = c + 3 cubic B-splines B_k of internal torques on c cells, between edges (c + 1,)."""
 
     edges: Array
 
@@ -84,9 +84,9 @@ def internal_frames(projectors: Array, r: int, reference: Array | None = None) -
 
 
 def internal_rows(projectors: Array, splines: SparseRows, frames: Array) -> tuple[SparseRows, ...]:
-    """Compute rows (T, n r) of the internal torque of each motor, linear in the coefficients x of n splines.
+    """Compute rows (T, n r) of each motor's internal torque on coefficients x (n r,).
 
-    The torques at a point are Q sum_k B_k N_k x_k.
+    The torques at a point are Q sum_k B_k N_k x_k, of n splines.
 
     Args:
         projectors: Q (T, n_a, n_a).
@@ -152,7 +152,7 @@ def least_peak_torques(torques: Array, projectors: Array, limit: Array, r: int) 
 def distribute_torques(
     result: InverseDynamics, limit: Array, reference: Array, *, least_norm: bool, least_peak: bool
 ) -> InverseDynamics:
-    """Distribute the torques of a rigid motion over redundant motors, within limits if possible.
+    """Distribute a rigid motion's torques over redundant motors, within limits if possible.
 
     Torques of least norm that keep the limits stay as they are, unless another goal is asked for. If no
     distribution keeps the limits, the one that exceeds them least is taken.
@@ -163,35 +163,34 @@ def distribute_torques(
         least_norm: whether the norm of torque / reference is to be the least at each instant.
         least_peak: whether the largest torque / reference of the motion is to be the least.
     """
-    if not (least_norm or least_peak) and _excess(result, result.torques, limit) <= 1.0:
+    if not (least_norm or least_peak) and _limit_ratio(result, result.torques, limit) <= 1.0:
         return result
     motion = _SharedMotion.of(result, reference)
     if not least_peak:
-        torques = motion.torques(None)
-        if _excess(result, torques, limit) <= 1.0:
+        torques = motion.fit_torques(None)
+        if _limit_ratio(result, torques, limit) <= 1.0:
             return motion.certify(torques)
-    # of least norm within the limits, if possible with room for peaks between the nodes
-    limits = [(1.0 - room) * limit for room in ROOMS]
+    # of least norm within the limits, or within the least peak
+    allowed = (1.0 - ROOM) * limit
     least = None
     if least_peak:
         least = motion.solve_least_peak(reference)
         if least is None:
             return result
-        limits = [np.minimum(limit, (1.0 + PEAK_ROUNDING) * least.peak * reference)]
-    solutions = filter(None, map(motion.solve_least_norm, limits))
-    shared = next(solutions, None) or least or motion.solve_least_peak(limit)
-    return result if shared is None else motion.certify(motion.torques(shared.x))
+        allowed = np.minimum(limit, (1.0 + PEAK_ROUNDING) * least.peak * reference)
+    internal = motion.solve_least_norm(allowed) or least or motion.solve_least_peak(limit)
+    return result if internal is None else motion.certify(motion.fit_torques(internal.x))
 
 
-def _excess(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
-    """Compute the largest ratio of torques, with the dry friction of a motion, to their limits (n_a,)."""
+def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
+    """Compute the largest ratio of torques, with dry friction, to limits (n_a,)."""
     changed = replace(result, torques=torques)
     peaks = peak_sizes(changed.torque, torques.edges, torques.coefficients.shape[1])
     return float((peaks / limit).max())
 
 
-class _Internal(NamedTuple):
-    """Coefficients x (n r,) of internal torques, and the peak of all torques over their limits."""
+class _InternalTorques(NamedTuple):
+    """Coefficients x (n r,) of internal torques, and the peak of torques over limits."""
 
     x: Array
     peak: float
@@ -199,23 +198,23 @@ class _Internal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SharedMotion:
-    """A motion whose torques are to be distributed, on a grid of T nodes; torques over the reference.
+    """A motion whose torques are to be distributed, on a grid of T nodes.
 
-    shares: (T, n_a) of least norm, without dry friction.
-    friction: (T, n_a) dry friction.
+    least_norm: torques (T, n_a) of least norm over the reference, without dry friction.
+    friction: dry friction (T, n_a) over the reference.
     rows: internal torques (T, n r) of each motor, linear in x.
     """
 
     result: InverseDynamics
     reference: Array
     grid: TimeGrid
-    shares: Array
+    least_norm: Array
     friction: Array
     rows: tuple[SparseRows, ...]
 
     @staticmethod
     def of(result: InverseDynamics, reference: Array) -> _SharedMotion:
-        """Cut the panels of a motion's torques in cells of splines in time, MIN_CELLS or more."""
+        """Cut a motion's panels in MIN_CELLS or more cells of splines in time."""
         size = result.torques.coefficients.shape[1]
         edges = result.torques.edges
         parts = max(MIN_PARTS, -(-MIN_CELLS // (len(edges) - 1)))
@@ -223,25 +222,25 @@ class _SharedMotion:
         grid = TimeGrid(np.append(starts, edges[-1]), min(size, MAX_NODES))
         times = grid.times
         projectors = _scaled_projectors(result, times, reference)
-        shares = result.torques(times) / reference
-        shares -= (projectors @ shares[..., None])[..., 0]
-        friction = np.zeros_like(shares) if result.friction is None else result.friction(times) / reference
+        torques = result.torques(times) / reference
+        least_norm = torques - (projectors @ torques[..., None])[..., 0]  # (T, n_a)
+        friction = np.zeros_like(torques) if result.friction is None else result.friction(times) / reference
 
         splines = InternalSplines(grid.edges)
         at_centres = _scaled_projectors(result, splines.centres, reference)
         frames = internal_frames(at_centres, result.robot.n_a - result.robot.n)
         rows = internal_rows(projectors, splines.matrix(times), frames)
-        return _SharedMotion(result, reference, grid, shares, friction, rows)
+        return _SharedMotion(result, reference, grid, least_norm, friction, rows)
 
-    def _shares_with(self, x: Array | None) -> Array:
-        """Compute the torques (T, n_a) over the reference with the internal ones of x (n r,), if any."""
+    def _add_internal(self, x: Array | None) -> Array:
+        """Compute torques (T, n_a) over the reference, with internal ones of x (n r,) if any."""
         if x is None:
-            return self.shares
-        return self.shares + np.stack([row @ x for row in self.rows], axis=1)
+            return self.least_norm
+        return self.least_norm + np.stack([row @ x for row in self.rows], axis=1)
 
-    def torques(self, x: Array | None) -> TimeFunction:
-        """Fit the torques with the internal ones of coefficients x (n r,), without dry friction."""
-        return self.grid.fit(self.reference * self._shares_with(x))
+    def fit_torques(self, x: Array | None) -> TimeFunction:
+        """Fit torques with internal ones of x (n r,), if any, without dry friction."""
+        return self.grid.fit(self.reference * self._add_internal(x))
 
     def certify(self, torques: TimeFunction) -> InverseDynamics:
         """Return the motion with other torques, and with the certificate of these."""
@@ -259,18 +258,18 @@ class _SharedMotion:
         )
         return replace(result, torques=torques, certificate=certificate)
 
-    def solve_least_norm(self, limit: Array) -> _Internal | None:
+    def solve_least_norm(self, limit: Array) -> _InternalTorques | None:
         """Solve for the x of least norm within limits (n_a,) at all nodes; None if unsolved."""
         count = self.rows[0].shape[1]
         square = linear_rows(x=SparseRows.identity(count))
         return self._solve_within(ConeProgram({"x": count}, square=square), limit, fixed=True)
 
-    def solve_least_peak(self, limit: Array) -> _Internal | None:
+    def solve_least_peak(self, limit: Array) -> _InternalTorques | None:
         """Solve for the x of least peak over limits (n_a,) at all nodes; None if unsolved."""
         sizes = {"x": self.rows[0].shape[1], "peak": 1}
         return self._solve_within(ConeProgram(sizes, {"peak": np.ones(1)}), limit, fixed=False)
 
-    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> _Internal | None:
+    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> _InternalTorques | None:
         """Solve a program of x and `peak` with |torque| <= peak limit at all nodes; None if unsolved.
 
         Rows where torques of least norm are large come first, and others where the solution exceeds limits.
@@ -279,9 +278,9 @@ class _SharedMotion:
             limit: (n_a,) [N m]; motors with an infinite limit have no rows.
             fixed: whether the peak is 1.
         """
-        shares = self.shares + self.friction
-        allowed = np.tile(limit / self.reference, (len(shares), 1))  # (T, n_a)
-        has_row = np.abs(shares) > FIRST_ROWS * allowed
+        torques = self.least_norm + self.friction  # (T, n_a) over the reference
+        allowed = np.tile(limit / self.reference, (len(torques), 1))  # (T, n_a)
+        has_row = np.abs(torques) > FIRST_ROWS * allowed
         if not fixed:
             has_row |= np.isfinite(allowed)
         has_row[::2] = False
@@ -292,7 +291,7 @@ class _SharedMotion:
                 largest = allowed[chosen, motor]
                 for sign in (-1.0, 1.0):
                     parts = {"x": sign * self.rows[motor][chosen]}
-                    offset = sign * shares[chosen, motor]
+                    offset = sign * torques[chosen, motor]
                     if fixed:
                         offset = offset + largest
                     else:
@@ -301,10 +300,10 @@ class _SharedMotion:
             optimum = solve_cone_program(replace(program, nonnegative=bounds))
             if isinstance(optimum, Unsolved):
                 return None
-            internal = _Internal(optimum["x"], 1.0 if fixed else float(optimum["peak"][0]))
+            internal = _InternalTorques(optimum["x"], 1.0 if fixed else float(optimum["peak"][0]))
 
             # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
-            sizes = np.abs(self._shares_with(internal.x) + self.friction)
+            sizes = np.abs(self._add_internal(internal.x) + self.friction)
             beside = np.maximum(sizes, self._largest_beside(internal.x))
             ratio = beside / (internal.peak * limit / self.reference)
             is_exceeded = ratio > 1.0 + ROW_ROUNDING
@@ -316,20 +315,20 @@ class _SharedMotion:
         return internal
 
     def _largest_beside(self, x: Array) -> Array:
-        """Compute the largest torques (T, n_a) over the reference between each node and its neighbours.
+        """Compute the largest torques (T, n_a) over the reference beside each node.
 
-        They are those at BETWEEN points of each interval between two nodes of a cell.
+        They are those at the INNER_POINTS of the intervals between the nodes of a cell.
         """
-        series = self.grid.fit(self._shares_with(x)).coefficients  # (cells, size, n_a)
+        series = self.grid.fit(self._add_internal(x)).coefficients  # (cells, size, n_a)
         size = series.shape[1]
         at_nodes = nodes(size)
-        points = at_nodes[:-1, None] + np.diff(at_nodes)[:, None] * BETWEEN  # (size - 1, p)
+        points = at_nodes[:-1, None] + np.diff(at_nodes)[:, None] * INNER_POINTS  # (size - 1, p)
         values = chebyshev.chebvander(points, size - 1) @ series[:, None]  # (cells, size - 1, p, n_a)
         friction = self.friction.reshape(len(series), size, -1)
         pad = ((0, 0), (1, 1), (0, 0))
         right = np.pad(np.abs(values + friction[:, :-1, None]).max(axis=2), pad)  # (cells, size + 1, n_a)
         left = np.pad(np.abs(values + friction[:, 1:, None]).max(axis=2), pad)
-        return np.maximum(right[:, 1:], left[:, :-1]).reshape(self.shares.shape)
+        return np.maximum(right[:, 1:], left[:, :-1]).reshape(self.least_norm.shape)
 
 
 def _scaled_projectors(result: InverseDynamics, times: Array, reference: Array) -> Array:

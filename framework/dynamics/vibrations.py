@@ -53,15 +53,15 @@ class Vibrations(ReadOnlyArrays):
 
     @property
     def gain(self) -> Array:
-        """Largest motion (T, F) of the platform's axes in `softest` by motor torques of unit norm."""
-        moved = self.response[:, :, moving_axes(self.robot)]
-        return np.asarray(np.linalg.svd(moved, compute_uv=False)[..., 0], dtype=float)
+        """Largest motion (T, F) along `axes` by motor torques of unit norm."""
+        response = self.response[:, :, moving_axes(self.robot)]  # (T, F, j, n_a)
+        return np.asarray(np.linalg.svd(response, compute_uv=False)[..., 0], dtype=float)
 
 
 def platform_vibrations(
     robot: ParallelRobot, q: ArrayLike, *, frequencies: ArrayLike | None = None, loss: float = LOSS
 ) -> Vibrations:
-    """Compute vibrations and response to motor torques at assembled configurations q (T, nq), at rest.
+    """Compute vibrations and response to motor torques at rest at q (T, nq).
 
     Args:
         frequencies: (F,) [Hz] of the response; by default 150 from a tenth of a low natural frequency to
@@ -69,7 +69,7 @@ def platform_vibrations(
         loss: loss factor of the springs, in addition to the damping of the robot file.
 
     Raises:
-        InvalidInput: q leaves the loops open; the robot has no springs; a frequency or the loss is negative;
+        InvalidInput: q leaves loops open; the robot has no springs; a frequency or the loss is negative;
             a motor moves neither mass nor a spring.
     """
     expect_robot(robot)
@@ -99,11 +99,14 @@ def platform_vibrations(
 def _frequency_response(
     robot: ParallelRobot, free: CompliantMotions, damping: Array, frequency: Array, loss: float
 ) -> Array:
-    """Compute the platform's motion (T, F, n, n_a) [m, rad] by unit motor torques at F frequencies [Hz].
+    """Compute the platform's motion (T, F, n, n_a) by unit motor torques.
+
+    The motion is in m and rad per N m.
 
     Args:
         free: motions with free motors, whose joints are the first rows of Z.
         damping: along these motions, (T, d, d).
+        frequency: (F,) [Hz].
     """
     drive = free.Z[:, : robot.n_a].swapaxes(1, 2) * robot.gear_ratio  # n tau on the joint side, (T, d, n_a)
     w = 2 * np.pi * frequency[:, None, None]

@@ -36,7 +36,7 @@ from framework.identification.base_parameters import BaseParameters, LinkParamet
 from framework.identification.torque_rows import TorqueRows
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.splines import banded_rows
-from framework.tolerances import RANK_ROUNDING
+from framework.tolerances import MAX_PRIOR_SHARE, RANK_ROUNDING
 
 SENSOR_ERRORS = {"scale": 0.005, "offset": 0.0, "delay": 0.0}
 """Standard deviations of sensor errors: shares of a torque, shares of its root mean square, seconds."""
@@ -54,9 +54,13 @@ class Estimate(NamedTuple):
     order: int  # largest one of the autoregressive processes
     equations: int  # number of equations
 
-    def solve(self, prior_root: Array, outputs: Array | None = None) -> Solution:
-        """Solve for `outputs` (o, f) @ parameters, by default the parameters, with a prior L L' about 0."""
-        S = posterior_root(self.root, prior_root)  # (f, w)
+    def solve(self, L: Array, outputs: Array | None = None) -> Solution:
+        """Solve for `outputs` (o, f) @ parameters, by default the parameters.
+
+        Args:
+            L: (f, w), where L L' is the covariance of the parameters about 0 by the prior.
+        """
+        S = posterior_root(self.root, L)  # (f, w)
         outputs = S if outputs is None else outputs @ S  # (o, w)
         gain = outputs @ (self.root @ S).T  # (o, f) by which the noise of `right` is multiplied
         noise = np.linalg.norm(gain, axis=1)
@@ -72,23 +76,20 @@ class Solution(NamedTuple):
 
     @property
     def determined(self) -> BoolArray:
-        """Whether (o,) the data decide: what the prior leaves is at most a fifth of the variance.
-
-        An interval of 95 % then holds 95 to 97 % of truths that are as near to the prior as it says.
-        """
-        return self.noise**2 >= 0.8 * self.deviations**2
+        """The mask (o,) of the quantities that the data decide, by MAX_PRIOR_SHARE."""
+        return self.noise**2 >= (1.0 - MAX_PRIOR_SHARE) * self.deviations**2
 
 
-def posterior_root(root: Array, prior_root: Array) -> Array:
+def posterior_root(root: Array, L: Array) -> Array:
     """Compute S (f, w), where S S' is the covariance of parameters by data and prior.
 
-    The data have the information `root`' `root`, and the prior the covariance L L' of `prior_root` L (f, w).
-    With root L = U s V' this is S = L V / sqrt(1 + s^2).
+    The data have the information `root`' `root`, and the prior with L (f, w) the covariance L L'. With the
+    decomposition root L = U s V' this is S = L V / sqrt(1 + s^2).
     """
-    _, s, V_rows = np.linalg.svd(root @ prior_root, full_matrices=True)
+    _, s, V_rows = np.linalg.svd(root @ L, full_matrices=True)
     squares = np.zeros(len(V_rows))
     squares[: len(s)] = s**2
-    return prior_root @ V_rows.T / np.sqrt(1.0 + squares)
+    return L @ V_rows.T / np.sqrt(1.0 + squares)
 
 
 def prior_root(base: BaseParameters, links: LinkParameters, prior: float) -> Array:
@@ -209,7 +210,7 @@ def _solve_equations(rows: Array, f: int, deviations: Array) -> _Step:
 
 
 class _Reduced(NamedTuple):
-    """Equations without the errors z: |rows x| is the least of the misfit of c columns x over z."""
+    """Equations without errors z: |rows x| is the misfit of columns x, least over z."""
 
     rows: Array  # (N + T k, c)
     corrections: Array  # (m k, c) the z of the least, for each column
@@ -217,7 +218,7 @@ class _Reduced(NamedTuple):
 
 
 class _MotionErrors(NamedTuple):
-    """Errors z (m k,) of the splines, those of one coefficient of all k signals beside one another."""
+    """Errors z (m k,) of splines, coefficient by coefficient, each of all k signals."""
 
     angles: Any  # (T k, m k) sparse, signals over their noise by z
     accelerations: Any  # (T k, m k) sparse, by z

@@ -9,6 +9,7 @@ What a robot is
     assembly            closes the loops at the reference
     assembly_search     closes them within the joints' limits, from several starts, also near a platform pose
     loop_structure      which loop equations are redundant, exactly or except for rounding; idle joints
+    loop_ranges         bases of the equations where that changes along a path
 
 The equations, for stacks of configurations
     frames              poses, screws and motions of frames, by pinocchio; steps between configurations
@@ -21,6 +22,7 @@ From the platform to the joints, and back
     motion_rates        velocities and accelerations of all joints; their exact derivatives
     velocity_matrices   A v = B dq_a + C dq_e; derivatives of pose, A, B, C along motors and springs
     external_wrenches   wrenches of the environment on bodies, and their joint forces
+    line_springs        springs and dampers between two points, and their joint forces
     modes               signs of working and assembly modes; legs
     continuation/       follows branches along paths, and with the motors (forward kinematics)
 

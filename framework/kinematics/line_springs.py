@@ -23,8 +23,8 @@ import numpy as np
 from framework.kinematics.external_wrenches import AppliedWrench, wrench_slope
 from framework.kinematics.frames import FrameStack, frames_at, move_wrench
 from framework.kinematics.mechanism import LineSprings, Mechanism
-from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray
-from framework.numerics.ordered_sums import cross, dot, matmul, matvec
+from framework.numerics.arrays import LEAST_DIVISOR, Array
+from framework.numerics.ordered_sums import dot, matmul, matvec
 
 
 class Lines(NamedTuple):
@@ -45,7 +45,11 @@ class Lines(NamedTuple):
         separation = frames.position[:, springs.second] - frames.position[:, springs.first]
         length = np.sqrt(dot(separation, separation))
         u = separation / np.maximum(length, LEAST_DIVISOR)[..., None]
-        D = _point_jacobians(frames, springs.second) - _point_jacobians(frames, springs.first)
+        first, second = (
+            np.stack([frames.frame_jacobian(frame)[:, :3] for frame in ends], axis=1)  # (T, K, 3, nv)
+            for ends in (springs.first, springs.second)
+        )
+        D = second - first
         J = matmul(u[:, :, None], D)[:, :, 0]
         return Lines(mechanism, springs, frames, length, u, D, J)
 
@@ -118,7 +122,10 @@ class Lines(NamedTuple):
         )
 
     def _point_force(self, frame: int, force: Array) -> AppliedWrench:
-        """Return a force (T, 3) ON the body of a frame, an index into `Mechanism.frames`, at its origin."""
+        """Return a force (T, 3) ON the body of a frame at its origin.
+
+        `frame` is an index into `Mechanism.frames`.
+        """
         placed = self.mechanism.model.frames[self.mechanism.frames[frame]]
         origin = self.frames.position[:, frame]
         wrench = move_wrench(np.concatenate([force, np.zeros(force.shape)], axis=1), origin)
@@ -128,13 +135,6 @@ class Lines(NamedTuple):
     def _sum_along(self, gain: Array) -> Array:
         """Compute the sum (T, nv, nv) of J' gain J over the springs."""
         return matmul((self.J * gain[..., None]).swapaxes(1, 2), self.J)
-
-
-def _point_jacobians(frames: FrameStack, ends: IntArray) -> Array:
-    """Compute the Jacobians (T, K, 3, nv) of the velocities of the origins of frames `ends` (K,)."""
-    linear, angular = frames.screws[:, None, :, :3], frames.screws[:, None, :, 3:]
-    velocities = linear + cross(angular, frames.position[:, ends, None])  # (T, K, nv, 3)
-    return (velocities * frames.carried[ends][:, :, None]).swapaxes(2, 3)
 
 
 def lines_at(mechanism: Mechanism, q: Array) -> Lines:

@@ -41,7 +41,10 @@ MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
 @dataclass(frozen=True, eq=False)
 class LineSprings(ReadOnlyArrays):
-    """The K springs and dampers between points; numbers are (K,), or (T, K) of robots that differ in them."""
+    """The K springs and dampers between points.
+
+    Numbers are (K,), or (T, K) of robots that differ in them.
+    """
 
     names: Names
     first: IntArray  # (K,) frames at which the springs begin, indices into `Mechanism.frames`
@@ -260,7 +263,7 @@ class Mechanism(ReadOnlyArrays):
 
     @property
     def has_springs(self) -> bool:
-        """Whether there is any spring: a virtual joint, on a joint of the URDF, or between two points."""
+        """Whether any spring acts: virtual, on a joint of the URDF, or between points."""
         return bool(self.n_e or self.joint_stiffness.any() or self.line_springs.stiffness.any())
 
     def friction_sizes(self, columns: IntArray) -> str:

@@ -374,22 +374,22 @@ class SpeedSpace(NamedTuple):
         degree_weight_power: float = 4.0,
         # of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
         min_relative_size: float = 1e-3,
-        reach: float = 0.2,  # in xi
-        alone: float = 1e-4,
+        width: float = 0.2,  # in xi, within which coefficients of splines change together
+        independence: float = 1e-4,  # variance of changes of single coefficients over that of these
     ) -> Array:
         """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
 
         Splines have W^-1 = diag(y) K diag(y), so that coefficients change in proportion to their size, and
-        with K = exp(-(distance / reach)^2) + alone I hardly otherwise than their neighbours. For a single
-        polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative` to z,
-        step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that grows
-        with the degree.
+        with K = exp(-(distance / width)^2) + independence I hardly otherwise than their neighbours. For a
+        single polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative`
+        to z, step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that
+        grows with the degree.
         """
         size = len(y)
         if self.basis.is_spline:
             size = np.maximum(np.abs(y), min_relative_size * np.abs(y).mean())
-            distance = (self.basis.centres[:, None] - self.basis.centres) / reach
-            kernel = np.exp(-(distance**2)) + alone * np.eye(len(y))
+            distance = (self.basis.centres[:, None] - self.basis.centres) / width
+            kernel = np.exp(-(distance**2)) + independence * np.eye(len(y))
             return size[:, None] * kernel * size
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -degree_weight_power)

@@ -282,7 +282,7 @@ def _loosest_limit(plans: Sequence[CrossingPlan], name: str) -> tuple[float | No
 
 
 def _loosest_drives(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
-    """Return curves and RMS torques that all plans keep, as `_loosest_limit`, and the sum of their cycles."""
+    """Return options of curves and RMS torques that all plans keep, and their cycle time."""
     all_drives = [specification_of(plan.robot, plan.request).drives for plan in plans]
     loosest: dict[str, Any] = dict.fromkeys(DRIVE_OPTIONS)
     for option in DRIVE_OPTIONS:

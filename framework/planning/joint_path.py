@@ -25,7 +25,7 @@ from framework.kinematics.platform import JointPlatform
 from framework.laws.curves import Spline
 from framework.laws.path import Line, Path
 from framework.model.description import Platform
-from framework.numerics.arrays import Array, Names
+from framework.numerics.arrays import Array, BoolArray, Names
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.time_limit import check_time
 from framework.singularity.points_on_path import search_path
@@ -119,12 +119,16 @@ def flip_legs(
     """
     is_flipped = np.isin(robot.actuator_names, motors)
 
-    def arrives(q: Array) -> bool:
+    def is_end(q: Array) -> bool:
         """Return whether the platform is at the goal, and just these motors are elsewhere."""
-        is_elsewhere = _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
-        return _is_same_place(robot, q, goal) and np.array_equal(is_elsewhere, is_flipped)
+        return _is_same_place(robot, q, goal) and np.array_equal(flipped_motors(robot, q, goal), is_flipped)
 
-    return _choose_path(robot, start, modes, goal, arrives)
+    return _choose_path(robot, start, modes, goal, is_end)
+
+
+def flipped_motors(robot: ParallelRobot, q: Array, goal: Array) -> BoolArray:
+    """Return whether each motor (n_a,) stands elsewhere at q than at the goal (nq,), but for whole turns."""
+    return _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
 
 
 def _choose_path(
@@ -132,9 +136,13 @@ def _choose_path(
     start: Array,
     modes: Sequence[Array],
     goal: Array,
-    arrives: Callable[[Array], bool],
+    is_end: Callable[[Array], bool],
 ) -> JointPath:
-    """Choose a line to a mode, or a path by a stretched leg that arrives; raise as `choose_joint_path`."""
+    """Choose a line to a mode, or a path by a stretched leg to an end.
+
+    Raises:
+        NoLaw: as `choose_joint_path`.
+    """
     tracked = 0
     for mode in modes:
         line, count = _choose_line(robot, start, mode)
@@ -146,8 +154,8 @@ def _choose_path(
     for x_fold in folds:
         check_time()
         q = _pass_fold(robot, start, x_start, x_fold, x_goal)
-        if q is not None and arrives(q[-1]):
-            path = _fit_joint_path(robot, q, arrives)
+        if q is not None and is_end(q[-1]):
+            path = _fit_joint_path(robot, q, is_end)
             if path is not None:
                 return path
     raise NoLaw(
@@ -157,7 +165,7 @@ def _choose_path(
 
 
 def _choose_line(robot: ParallelRobot, start: Array, goal: Array) -> tuple[JointPath | None, int]:
-    """Choose the most regular line in passive joints from start to goal (nq,); count the lines followed."""
+    """Choose the most regular line in joints between poses (nq,); count lines followed."""
     ends = np.stack([start, goal])
     sets, at_ends = _rate_sets(robot, ends)
     best: tuple[float, JointPath] | None = None
@@ -211,7 +219,7 @@ def _rate_sets(
 
 
 def _follow(selected: ParallelRobot, path: Path) -> Array | None:
-    """Follow a path in the platform joints of a robot; return poses (T, nq) on it, None if it ends early."""
+    """Follow a path in the platform joints; return poses (T, nq), None if refused."""
     try:
         branch = track_path(selected, path)
     except FrameworkError:
@@ -220,15 +228,17 @@ def _follow(selected: ParallelRobot, path: Path) -> Array | None:
 
 
 def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
-    """Find places (n,) where lines of the platform end at a stretched or folded leg, the nearest first.
+    """Find places (n,) where lines end at a stretched leg, nearest first.
+
+    Lines of the platform lead in many directions; a folded leg ends them too.
 
     Args:
         start: the pose (nq,) at which all lines begin.
         x: its platform coordinates (n,).
     """
-    drawn = np.random.default_rng(0).normal(size=(DIRECTIONS, robot.n))
+    random = np.random.default_rng(0).normal(size=(DIRECTIONS, robot.n))
     axes = np.eye(robot.n)
-    directions = np.concatenate([axes, -axes, drawn / np.linalg.norm(drawn, axis=1)[:, None]])
+    directions = np.concatenate([axes, -axes, random / np.linalg.norm(random, axis=1)[:, None]])
     reach = 2.0 * np.where(robot.platform.translations, robot.length, 1.0)  # (n,) [m, rad]
     pose = linearised_at(robot, start[None], x[None])
     ends = []
@@ -247,7 +257,7 @@ def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
 def _pass_fold(
     robot: ParallelRobot, start: Array, x_start: Array, x_fold: Array, x_goal: Array
 ) -> Array | None:
-    """Go from a pose (nq,) to a fold of a leg and back to another place; None where no pose follows.
+    """Follow poses to a fold of a leg and to another place; None if refused.
 
     At a fold the platform moves as the square of what the joints do. So it goes as
 
@@ -275,24 +285,27 @@ def _pass_fold(
     return np.array(poses)
 
 
-def _fit_joint_path(robot: ParallelRobot, q: Array, arrives: Callable[[Array], bool]) -> JointPath | None:
-    """Fit a spline in passive joints to poses q (T, nq); None if it leads elsewhere or no law passes it."""
+def _fit_joint_path(robot: ParallelRobot, q: Array, is_end: Callable[[Array], bool]) -> JointPath | None:
+    """Fit a spline in passive joints to poses q (T, nq); None if unusable.
+
+    It is unusable if it leads elsewhere or no law passes it.
+    """
     chosen = np.round(np.linspace(0, len(q) - 1, FOLD_POINTS)).astype(int)
     sets, least = _rate_sets(robot, q[chosen])
     steps = np.array([difference(robot, *pair) for pair in pairwise(q)])  # (T - 1, nv)
-    moved = np.concatenate([np.zeros((1, robot.nv)), np.cumsum(steps, axis=0)])[chosen]
+    offsets = np.concatenate([np.zeros((1, robot.nv)), np.cumsum(steps, axis=0)])[chosen]  # (FOLD_POINTS, nv)
     for k in np.argsort(-least, kind="stable")[:MAX_TRACKED_SETS].tolist():
         try:
             selected = with_platform_joints(robot, sets[k])
             assert isinstance(selected.platform, JointPlatform)
             columns = [robot.model.joints[robot.model.getJointId(name)].idx_v for name in sets[k]]
-            path = Spline(q[0, selected.platform.q_indices] + moved[:, columns])
+            path = Spline(q[0, selected.platform.q_indices] + offsets[:, columns])
             searched = search_path(selected, path)
         except FrameworkError:  # not regular, or through a Type 1 singularity
             continue
         poses = searched.branch.guess(np.array([0.0, 1.0]))
-        leads_there = _is_same_pose(robot, poses[0], q[0]) and arrives(poses[1])
-        if leads_there and all(point.kind == "type_2" and point.corank == 1 for point in searched.points):
+        has_ends = _is_same_pose(robot, poses[0], q[0]) and is_end(poses[1])
+        if has_ends and all(point.kind == "type_2" and point.corank == 1 for point in searched.points):
             return JointPath(sets[k], path)
     return None
 

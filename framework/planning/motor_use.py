@@ -14,6 +14,7 @@ from framework.planning.refusals import PRINTED_DIGITS, RAISED_RATIO
 from framework.planning.request import PEAK_SAMPLES, Specification, motor_peaks
 
 CURVE = "torque-speed curve"  # the limit of a `MotorUse`
+LEAST_SPEED_SHARE = 1e-3  # of the no-load speed, that advised curves leave at the torques of a motion
 
 
 class MotorUse(NamedTuple):
@@ -55,7 +56,7 @@ class MotorUse(NamedTuple):
 
 
 def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[MotorUse]:
-    """Measure the use of each limit of each motor; limit by limit."""
+    """Measure how far each motor uses each of its limits, limit by limit."""
     robot, drives = dynamics.robot, specification.drives
     names, units = robot.actuator_names, robot.torque_units
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
@@ -69,19 +70,22 @@ def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[
     ):
         for k in np.flatnonzero(np.isfinite(limits)).tolist():
             peak, largest, i = float(peaks[k]), float(limits[k]), int(np.abs(values[:, k]).argmax())
-            place = float(times[i]), float(s[i])
-            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *place))
+            instant = float(times[i]), float(s[i])
+            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *instant))
     if drives is None:
         return uses
 
     on_curves = np.abs(drives.curve_ratio(torque, speed))  # (T, n_a)
     ratios = curve_ratios(dynamics, drives)
     allowed = drives.largest_torque(speed)
-    for k in np.flatnonzero(drives.curved).tolist():
+    for k in np.flatnonzero(drives.has_curve).tolist():
         i = int(on_curves[:, k].argmax())
-        size, largest, place = abs(float(torque[i, k])), float(allowed[i, k]), (float(times[i]), float(s[i]))
-        at = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
-        uses.append(MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], at, *place))
+        size, largest = abs(float(torque[i, k])), float(allowed[i, k])
+        speed_text = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
+        instant = float(times[i]), float(s[i])
+        uses.append(
+            MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], speed_text, *instant)
+        )
     averages = rms_torques(dynamics, drives.cycle_time)
     for k in np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist():
         size, largest = float(averages[k]), float(drives.rms_torque_limit[k])
@@ -95,20 +99,22 @@ def find_largest_use(dynamics: InverseDynamics, specification: Specification) ->
 
 
 def raise_drives(dynamics: InverseDynamics, drives: DriveLimits, share: float) -> dict[str, Array]:
-    """Return curves and RMS torque limits, by option, raised until a motion within the torque limits fits.
+    """Return curves and RMS torque limits by option, raised to hold a motion.
 
     A curve (w + k T) / w_0 <= 1 with k = (w_0 - w_c) / T_0 holds w and T if w_0 and w_c are multiplied by
     w / (w_0 - k T).
 
     Args:
-        dynamics: the motion.
+        dynamics: the motion, within the torque limits.
         drives: the limits that it exceeds.
         share: of the limits of a request that its margin leaves.
     """
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
     torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)
     room = 1.0 - drives.per_torque * torque * np.sign(speed)  # over w_0
-    factor = np.max(np.abs(speed) * drives.per_speed / np.maximum(room, 1e-3), axis=0, initial=1.0)
+    factor = np.max(
+        np.abs(speed) * drives.per_speed / np.maximum(room, LEAST_SPEED_SHARE), axis=0, initial=1.0
+    )
     rms = np.maximum(rms_torques(dynamics, drives.cycle_time) / drives.rms_torque_limit, 1.0)
     raised = {
         "corner_speed": (factor, drives.corner_speed),

@@ -264,7 +264,7 @@ def _limit_ratio(plan: CrossingPlan) -> float:
 
 
 def _drives_text(plan: CrossingPlan) -> str:
-    """Return the largest use of motors in words if it is that of a curve or an RMS torque, else nothing."""
+    """Describe the largest use of motors if of a curve or RMS torque, else nothing."""
     use = find_largest_use(plan.dynamics, specification_of(plan.robot, plan.request))
     if use is None or use.limit in ("torque", "speed"):
         return ""

@@ -82,7 +82,7 @@ class Request(PlanOptions):
         has_drives = drive_limits(robot, limits["torque_limit"], **drives) is not None
         if has_drives and request.torque_sharing == "free":
             raise InvalidInput(
-                "torque_sharing: least_norm alone with torque-speed curves or RMS torques of motors"
+                "torque_sharing: motors with torque-speed curves or RMS torque limits have least_norm alone"
             ).advising({"torque_sharing": None})
         if robot.n_e and request.torque_sharing == "free":
             raise InvalidInput(

@@ -193,7 +193,7 @@ class CrossingPlan:
 
     @cached_property
     def motor_use(self) -> tuple[MotorUse, ...]:
-        """The largest ratio of each motor to each of its limits, less the margin; none without limits."""
+        """The largest ratio of each motor to each of its limits, margin subtracted."""
         return tuple(motor_uses(self.dynamics, specification_of(self.robot, self.request)))
 
     @property
@@ -231,7 +231,7 @@ class CrossingPlan:
         yield from self._drive_excesses()
 
     def _drive_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield each motor beyond a curve or an RMS torque of the robot file, with the excess in words."""
+        """Yield motors beyond curves or RMS torques of the file, with the excess."""
         no_limits: dict[str, Any] = dict.fromkeys(MOTOR_LIMITS)
         of_file = replace(self.request, **no_limits, margin=0.0)
         specification = specification_of(self.robot, of_file)

@@ -28,7 +28,7 @@ from framework.show.style import ALARM, CROSSING, TWIST, draw_dashed, figure_fil
 
 SHOWN_MODES = 5  # vibrations that are drawn
 DRAWN_MOTION = 0.15  # [rad, robot lengths] of the joint that a mode moves most
-COLUMNS = 3
+COLUMNS = 3  # of poses in a figure
 PATH_POSES = 61  # of a plan, at equal steps in time
 
 
@@ -52,7 +52,7 @@ def plot_modes(result: PlatformStiffness) -> Figure:
     if size > 0.1 * robot.length:  # the direction is scaled to robot lengths; a turn has no arrow
         draw_arrow(first, sight.onto(foot), sight.onto(ARROW_LENGTH * robot.length * twist / size), TWIST)
     first.set_title(f"softest {result.softest_in_words}", fontsize=7)
-    rest = sight.onto(_sticks(result, poses))
+    rest = sight.onto(_link_lines(result, poses))
     for k, ax in enumerate(others):
         if k < count:
             draw_robot(robot, result.displaced(k, DRAWN_MOTION), ax, sight=sight)
@@ -72,8 +72,8 @@ def modes_picture(result: PlatformStiffness, kind: str) -> bytes:
         return figure_file(plot_modes(result), kind)
 
 
-def _sticks(result: PlatformStiffness, poses: Array) -> Array:
-    """Return lines (m, 2, 3) [m] from each joint to the next ones and to the frames of platform and loops."""
+def _link_lines(result: PlatformStiffness, poses: Array) -> Array:
+    """Return lines (m, 2, 3) [m] from each joint to those behind and to frames."""
     robot = result.robot
     origins = poses[0, :, :3]
     model = robot.model
@@ -94,17 +94,18 @@ def path_vibrations(plan: CrossingPlan) -> tuple[Array, Vibrations] | None:
         return None
     times = np.linspace(0.0, plan.duration, PATH_POSES)
     try:
-        found = platform_vibrations(plan.robot, plan.dynamics.configuration(times))
+        vibrations = platform_vibrations(plan.robot, plan.dynamics.configuration(times))
     except InvalidInput:
         return None
-    return (plan.law(times), found) if np.isfinite(found.gain).all() and found.gain.min() > 0.0 else None
+    gain = vibrations.gain  # (T, F)
+    return (plan.law(times), vibrations) if np.isfinite(gain).all() and gain.min() > 0.0 else None
 
 
 def plot_vibrations(plan: CrossingPlan) -> Axes:
     """Plot over the path natural frequencies, and the platform's acceleration by motor torques."""
-    found = path_vibrations(plan)
-    assert found is not None
-    s, result = found
+    on_path = path_vibrations(plan)
+    assert on_path is not None
+    s, result = on_path
     drawing = Figure(figsize=(3.5, 4.6), layout="constrained")
     top, ax = drawing.subplots(2, 1, sharex=True)
     for k, curve in enumerate(result.natural.T):

@@ -93,7 +93,7 @@ class LawProblem(NamedTuple):
         return self.task.specification
 
     def internal_frames(self, splines: InternalSplines) -> Array | None:
-        """Compute frames (n, n_a, r) of internal torques at the centres of n splines; None without any.
+        """Compute frames (n, n_a, r) of internal torques at centres of n splines, if any.
 
         The r columns of a frame are an orthonormal basis of the torques that move nothing.
 
@@ -116,7 +116,7 @@ class LawProblem(NamedTuple):
         return least_peak_torques(torques, projectors, self.specification.torque_limit, robot.n_a - robot.n)
 
     def with_goal(self, goal: str, **changes: Any) -> LawProblem:
-        """Return the problem with another goal, and other `changes` of its specification except limits.
+        """Return the problem with another goal and other `changes` of its specification.
 
         The reference of peaks stays the same.
         """
@@ -147,11 +147,11 @@ class LawProblem(NamedTuple):
 
     @property
     def is_linearised(self) -> bool:
-        """Whether damping or limits of drives are linearised about a law, so that a next law is sought."""
+        """Whether damping or limits of drives are linearised about a law."""
         drives = self.specification.drives
         if drives is None:
             return self.task.robot.is_damped
-        return self.task.robot.is_damped or bool(drives.curved.any()) or self.averages_open_duration
+        return self.task.robot.is_damped or bool(drives.has_curve.any()) or self.averages_open_duration
 
     @property
     def averages_open_duration(self) -> bool:
@@ -362,7 +362,7 @@ def _curve_rows(
         return ()
     z0 = problem.linearised_about(z, sigma)
     curves = []
-    for k in np.flatnonzero(drives.curved).tolist():
+    for k in np.flatnonzero(drives.has_curve).tolist():
         no_load = drives.no_load_speed[k]
         tangent_at = np.full(len(sigma), FIRST_TANGENT * no_load)
         if z0 is not None:

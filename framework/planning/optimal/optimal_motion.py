@@ -156,7 +156,7 @@ def _try_motion(task: Task, **changes: Any) -> OptimalMotion | None:
 
 
 def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
-    """Return the refusal of a task for which only a motion beyond curves or RMS limits was found.
+    """Return the refusal of a task whose motion exceeds curves or RMS limits.
 
     Advised are the least duration found within all limits, or curves and RMS limits that hold the motion.
 
@@ -169,7 +169,8 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
     use = find_largest_use(plain.dynamics, specification)
     assert use is not None
     quickest = None
-    if specification.max_duration is not None:
+    # RMS torques alone leave the first law of least time without a bound
+    if specification.max_duration is not None and (specification.limited or specification.limited_speeds):
         motion = _try_motion(task, goal="time", duration=None, longest=None)
         quickest = None if motion is None else motion.dynamics.duration
     share = 1.0 - task.request.margin
@@ -190,10 +191,12 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
     if evidence.duration is None and _try_motion(task, drives=looser) is not None:
         evidence = evidence._replace(limits=raised)
         words = f"; {advice_of(task.robot, raised)}"
-    found = "" if quickest is None else f"; within all limits the quickest law found takes {quickest:.4g} s"
+    least_time = (
+        "" if quickest is None else f"; within all limits the quickest law found takes {quickest:.4g} s"
+    )
     return NoLaw(
-        f"{task.robot.name}: no law of free shape was found within the limits of drives: under the best law "
-        f"within the other limits {use.sentence}{found}{words}",
+        f"{task.robot.name}: no law of free shape was found within torque-speed curves and RMS torques: "
+        f"under the best law within the other limits {use.sentence}{least_time}{words}",
         evidence=evidence,
     )
 
@@ -259,9 +262,10 @@ def _find_motion(task: Task) -> OptimalMotion:
 
 
 def _first_law(task: Task, points: Sequence[SingularPoint], sampled: SampledDemand | None) -> Best | None:
-    """Return the undeformed law about which limits of drives are linearised first; None without such limits.
+    """Return the law about which limits of drives are linearised first; None without.
 
-    First laws of elastic robots leave damping out, so that with damping there is none.
+    It is that of the undeformed robot. First laws of elastic robots leave damping out, so that with damping
+    there is none.
     """
     if task.specification.drives is None or task.robot.is_damped:
         return None
@@ -567,7 +571,7 @@ class _ElasticSearch:
             )
 
     def _meets_requirements(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
-        """Return whether a law has the required times and speeds, if any, at the crossings of its motion."""
+        """Return whether a motion has the required times and speeds at its crossings."""
         request = self.task.request
         times = [crossing.time for crossing in dynamics.crossings]
         speeds = [law(time, 1) for time in times]
@@ -610,7 +614,7 @@ def _has_predicted_peak(motion: OptimalMotion) -> bool:
     drives = program.problem.specification.drives
     if drives is None:
         return True
-    ratios = curve_ratios(motion.dynamics, drives)[drives.curved]
+    ratios = curve_ratios(motion.dynamics, drives)[drives.has_curve]
     predicted = np.array([curve(y).max() for curve in program.rows.curve])
     is_off = np.abs(ratios - predicted) >= PEAK_TORQUE_MISMATCH
     return not (is_off & (predicted > NEARLY_REACHED)).any()

@@ -37,7 +37,7 @@ from framework.tolerances import MEASURE_TAIL
 END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
 LEAST_WIDTH = 1e-6  # of a cell in s: an edge or knot nearer to a crossing counts as equal to it
 MAX_CUTS = 14  # rounds of cutting cells where functions do not resolve or a motor with dry friction reverses
-MAX_RESOLVED_CELLS = 4000  # functions that do not resolve on so many cells never do
+MAX_RESOLVED_CELLS = 4000  # functions that do not resolve on so many cells count as unresolved
 TORQUE_ROUNDING = 1e-13  # of torques per s'^2, relative to torques per s"
 FIRST_CHEBYSHEV_CELLS = 4
 CHEBYSHEV_NODES = 16  # an even number: no node in the middle of a cell, where a crossing is
@@ -157,7 +157,7 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
     functions, masks = zip(*map(fit_bernstein, values), strict=True)  # masks (k,) of resolved cells
     series = PathSeries(edges, directions, *functions)  # functions are in the order of its fields
     # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
-    largest_v = np.abs(v).max(axis=1)  # (k, m, m)
+    largest_v = np.abs(v).max(axis=1)  # (k, l, m)
     error = (largest_v @ samples.friction_error[..., None])[..., 0]
     series = series._replace(
         constant=series.constant._replace(error=series.constant.error + error),
@@ -289,7 +289,7 @@ class SampledDemand(NamedTuple):
         pole_product = _pole_product(s, self.poles)
         values = self.series(s)
         internal = None
-        if self.motors < values.shape[1] / 5:
+        if values.shape[1] > 5 * self.motors:
             values, entries = np.split(values, [5 * self.motors], axis=1)
             internal = entries.reshape(len(s), self.motors, self.motors)
         *torques, speed = np.split(values, 5, axis=1)  # the five quantities of all motors

@@ -215,7 +215,7 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, f"no law that crosses at t = {listed} s was found")
 
     def _mismatch(self, law: Speed) -> float:
-        """Return the largest relative difference of a stage's duration from that required."""
+        """Return the largest relative error of a required stage's duration."""
         ratio = law.durations / self.program.problem.stages  # zero where open
         return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
 
@@ -232,12 +232,12 @@ class SmoothSearch(NamedTuple):
         return next((law for law in laws if law is not None), None)
 
     def _starts_of_stages(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Iterator[Speed]:
-        """Yield a similar law, a quick law, and some that wait in each stage, blended with the quick one.
+        """Yield laws from which stages may be settled: similar, quick, and waiting ones.
 
-        A tangent of T is nowhere above 1.5 T, so that the one about a quick law may exclude what is required.
-        A stage waits at its end at rest, or in its middle. The blend is the quickest without a stage quicker
-        than required. Above a lower floor laws may wait for longer. The arguments are those of
-        `_settle_first`.
+        Waiting ones wait in each stage, and are blended with the quick one. A tangent of T is nowhere above
+        1.5 T, so that the one about a quick law may exclude what is required. A stage waits at its end at
+        rest, or in its middle. The blend is the quickest without a stage quicker than required. Above a lower
+        floor laws may wait for longer. The arguments are those of `_settle_first`.
         """
         problem = self.program.problem
         required = np.isfinite(problem.stages)

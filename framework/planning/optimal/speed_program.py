@@ -49,8 +49,6 @@ FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for
 POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
 RMS_TOLERANCE = 1e-6  # of programs with RMS limits, whose squared torques may lie anywhere below loose limits
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
-
-
 INTERNAL_WEIGHT = 1e-1  # of the bends of internal torques in the cost of a smooth law
 NO_INTERNAL = np.empty(0)
 
@@ -536,7 +534,7 @@ class SpeedProgram:
 
     @cached_property
     def _holding_torques(self) -> Array:
-        """The larger torques (n_a,) [N m] of both ends where z = u = 0, of least peak if shared freely."""
+        """The larger torques (n_a,) [N m] of both ends at z = u = 0, distributed with the least peak."""
         ends = [0, len(self.xi) - 1]
         torques = np.stack([torque.offset[ends] for torque in self.rows.torque], axis=1)
         return np.asarray(np.abs(self.problem.least_peak(torques, self.xi[ends])).max(axis=0))

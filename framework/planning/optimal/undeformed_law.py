@@ -80,9 +80,10 @@ def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
 def settle_tangents(
     problem: LawProblem, points: Sequence[SingularPoint], *, enough: float = 0.0
 ) -> Best | NoneFound:
-    """Find the best law, with damping and the limits of drives linearised about the law itself.
+    """Find the best law, with damping and limits of drives linearised about itself.
 
-    The rows of drives are inner approximations: each law is within the limits, and the next one is no worse.
+    Rows of torque-speed curves are inner approximations: each law is within the curves. RMS torques over an
+    open duration count over a suggested time.
 
     The tangent of sqrt(z) at the z0 of a law exceeds sqrt(z). So a problem without a law about one z0 may
     have one about another. The second z0 is that of the law of least peak without limits of torque.
@@ -224,7 +225,7 @@ def solve_problem(
 
 
 def _linearise(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
-    """Return the problem with damping and drives linearised about the squared speed z0 of a law."""
+    """Return the problem with damping and drives linearised about a law's z0."""
     crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
 
@@ -241,7 +242,7 @@ def suggest_time(best: Best) -> float:
 
 
 def _rms_ratio(best: Best, time: float) -> float:
-    """Return the largest ratio of an RMS torque of a law over a time [s] to its limit."""
+    """Return the largest ratio of RMS torques over a time [s] to limits."""
     drives = best.program.problem.specification.drives
     assert drives is not None
     mean_squares = best.program.squared_torques(best.speed.y) / time
@@ -249,7 +250,7 @@ def _rms_ratio(best: Best, time: float) -> float:
 
 
 def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Best) -> float:
-    """Compute the share of a limit of drives that a law leaves free because it is linearised elsewhere.
+    """Compute the share of drives' limits that linearisation elsewhere leaves free.
 
     Where a curve is nearly reached, it is the difference of the ratios by the tangent and by the law itself.
     RMS torques over a time that is longer than the law count as not settled; a shorter one leaves a share
@@ -372,9 +373,10 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
 
 
 def _describe_times(program: SpeedProgram) -> str:
-    """Return the required times in words, with the stages for which no law within the limits is quick enough.
+    """Describe the required times and the stages that are too short for them.
 
-    A stage leads from the start or a crossing to the next crossing or the end.
+    Too short is a stage that takes longer in the quickest law found within the limits. A stage leads from the
+    start or a crossing to the next crossing or the end.
     """
     problem = program.problem
     times = problem.specification.times

@@ -116,6 +116,16 @@ def test_a_law_beyond_the_curve_is_refused_with_motor_instant_speed_and_torque()
     assert 0.8 < plan.duration <= longest
 
 
+@pytest.mark.slow
+def test_a_law_beyond_an_rms_torque_alone_is_refused_with_limits_that_do():
+    robot = robots.load("five_bar")
+    with pytest.raises(
+        NoLaw, match=r"left_motor needs an RMS torque of .* rms_torque_limit .* would do"
+    ) as no:
+        plan_crossing(robot, LINE, duration=1.5, rms_torque_limit=0.01)
+    assert plan_crossing(robot, LINE, duration=1.5, **no.value.remedy).motor_use
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
