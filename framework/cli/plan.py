@@ -26,7 +26,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput, check_choice, finite_numbers
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.diagnostics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -34,6 +34,7 @@ from framework.laws.law import Law
 from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
+from framework.numerics.rotations import wrap_angles
 from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, flip_legs, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
@@ -170,8 +171,12 @@ def _request(options: Namespace, robot: ParallelRobot) -> tuple[ParallelRobot, R
     if options.in_joints is not None:
         selected = with_platform_joints(robot, options.in_joints)
         return selected, Request.of(selected, arguments.path(options, selected), **typed)
-    line = arguments.path(options, robot)
-    to_joints = _find_path_to_mode(robot, line(0.0), line(1.0), options.to_mode)
+    if options.start is None or options.start != options.end or options.via:
+        line = arguments.path(options, robot)
+        ends = line(0.0), line(1.0)
+    else:  # no line, but a flip that ends where it starts
+        ends = (finite_numbers(f"--from ({', '.join(robot.axis_names)})", options.start, robot.n),) * 2
+    to_joints = _find_path_to_mode(robot, *ends, options.to_mode)
     selected = with_platform_joints(robot, to_joints.joints)
     return selected, Request.of(selected, to_joints.path, **typed)
 
@@ -190,11 +195,11 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
     is_flipped = np.isin(robot.actuator_names, motors)
     (unflipped,) = robot.actuated_coordinates(poses[1][None])
     found = working_modes(robot, goal)
-    modes = [
-        mode.q
-        for mode in found.modes
-        if np.array_equal(np.abs(mode.motors - unflipped) > SAME_PLACE * robot.length, is_flipped)
-    ]
+    offsets = np.array([mode.motors - unflipped for mode in found.modes]).reshape(-1, robot.n_a)
+    offsets = np.where(robot.sliding[robot.actuated], offsets, wrap_angles(offsets))
+    is_elsewhere = np.abs(offsets) > SAME_PLACE * robot.length
+    is_wanted = np.all(is_elsewhere == is_flipped, axis=1)
+    modes = [mode.q for mode, wanted in zip(found.modes, is_wanted, strict=True) if wanted]
     if not modes and found.are_all:
         raise InvalidInput(
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "
