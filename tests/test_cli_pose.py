@@ -148,6 +148,10 @@ def test_the_softest_direction_and_the_vibrations_of_a_pose_are_drawn(crossing, 
     picture = tmp_path / "modes.svg"
     assert "drawn" in crossing(*words, "flexible_links", "--picture", picture)[1]
     assert picture.read_bytes().startswith(b"<?xml")
-    assert main([*words, "rigid", "--picture", str(tmp_path / "rigid.svg")]) == 2
+    code, _, message = crossing(*words, "rigid", "--picture", tmp_path / "rigid.svg")
+    assert code == 2
+    remedy = message.split("; try: crossing ")[1].split()
+    assert "--picture" in remedy
+    assert remedy[remedy.index("--flexibility") + 1] == "flexible_links"
     assert main([*words, "flexible_links", "--picture", str(tmp_path / "modes.bmp")]) == 2
     assert [file.name for file in tmp_path.iterdir()] == ["modes.svg"]

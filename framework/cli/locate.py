@@ -120,7 +120,7 @@ def _report_nearest(robot: ParallelRobot, options: Namespace) -> Report:
     start = robot.reference.x.round(9) + 0.0  # as printed; + 0.0 turns -0.0 into 0.0
     lines = [f"{robot.name}: from the reference to the nearest singular pose: {nearest.status}"]
     if nearest.x is None or nearest.twist is None:
-        place, farther = " ".join(map(repr, start.tolist())), repr(2.0 * nearest.within)
+        place, farther = " ".join(map(repr, start.tolist())), f"{2.0 * nearest.within:.3g}"
         lines.append(f"  to look farther   crossing map {word} --nearest {place} --within {farther}")
         return document, lines
     lines.append(f"  at {robot.place(nearest.x)}; t_s = {twist_text(robot, nearest.twist)}")

@@ -26,7 +26,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput, check_choice, finite_numbers
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.diagnostics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -169,8 +169,12 @@ def _request(options: Namespace, robot: ParallelRobot) -> tuple[ParallelRobot, R
     if options.in_joints is not None:
         selected = with_platform_joints(robot, options.in_joints)
         return selected, Request.of(selected, arguments.path(options, selected), **typed)
-    line = arguments.path(options, robot)
-    to_joints = _find_path_to_mode(robot, line(0.0), line(1.0), options.to_mode)
+    if options.start is None or options.start != options.end or options.via:
+        line = arguments.path(options, robot)
+        ends = line(0.0), line(1.0)
+    else:  # no line, but a flip that ends where it starts
+        ends = (finite_numbers(f"--from ({', '.join(robot.axis_names)})", options.start, robot.n),) * 2
+    to_joints = _find_path_to_mode(robot, *ends, options.to_mode)
     selected = with_platform_joints(robot, to_joints.joints)
     return selected, Request.of(selected, to_joints.path, **typed)
 

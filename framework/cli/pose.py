@@ -211,7 +211,10 @@ def _report_stiffness(robot: ParallelRobot, q: Array, options: Namespace) -> Rep
         result = platform_stiffness(robot, q)
     except InvalidInput as failure:  # springs that leave the platform rigid along some axis
         if options.picture is not None:
-            raise failure.advising({"picture": None}) from None
+            remedy = {"picture": None}
+            if not robot.has_springs and robot.description.springs:  # rigid: those of the file are left out
+                remedy = {"flexibility": robot.description.least_flexibility("flexible_links")}
+            raise failure.advising(remedy) from None
         return {}, []
     names = robot.axis_names
     along = dict(zip(names, result.along_axes.tolist(), strict=True))
@@ -395,8 +398,10 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
-        beyond = "" if mode.within_limits else "; beyond the joints' limits"
-        lines.append(f"  {signs:17s} {_format_values(pose.motor_joints)}{beyond}")
+        remarks = ("" if mode.proved else "; not proved") + (
+            "" if mode.within_limits else "; beyond the joints' limits"
+        )
+        lines.append(f"  {signs:17s} {_format_values(pose.motor_joints)}{remarks}")
         lines.append(_reference_to_paste(robot, mode.q))
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = select_fields(working, "status", "solutions", "legs", "proved_legs")

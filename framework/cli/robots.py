@@ -133,6 +133,10 @@ def run_check(options: Namespace) -> Report:
         "angles": ", ".join(angles),
         "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
     }
+    description, flexibility = mechanism.description, mechanism.flexibility
+    sprung = description.least_flexibility("flexible_links")  # with all springs of the file
+    if sprung != description.least_flexibility(flexibility):
+        words["springs"] += f"; all of the file with --flexibility {sprung}"
     notes = [f"  note              {advice}" for advice in diagnosis.advice]
     return facts, [REPORT.format_map(facts | words), *notes]
 

@@ -46,10 +46,11 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     may_vanish = name == "corner_speed"
     is_valid = numbers >= 0 if may_vanish else numbers > 0
     if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(is_valid):
+        needed = "number of at least 0" if may_vanish else "positive number"
+        motors = ", ".join(robot.actuator_names)
         raise InvalidInput(
-            f"{name}: needs one {'number of at least 0' if may_vanish else 'positive number'}, or one for "
-            f"each motor ({', '.join(robot.actuator_names)}), None where there is no limit, or some by joint, "
-            f"got {short(stated)}"
+            f"{name}: needs one {needed}, or one for each motor ({motors}), None where there is no limit, or "
+            f"some by joint, got {short(stated)}"
         )
     return np.broadcast_to(numbers, robot.n_a).copy()
 

@@ -358,10 +358,14 @@ class RobotReader:
         values = read_table(where, given, table)
         if not (values["stiffness"] or values["damping"]):
             raise RobotFileError(f"{where}: needs a stiffness [N/m], a damping [N s/m], or both")
-        if (values["rest"] is None) == bool(values["stiffness"]):
+        if values["rest"] is None and values["stiffness"]:
             raise RobotFileError(
-                f"{where}.rest: the length [m] at which the spring exerts no force goes with a stiffness, "
-                f"got stiffness {values['stiffness']:g} and rest {values['rest']}"
+                f"{where}.rest: required beside stiffness {values['stiffness']:g}: the length [m] at "
+                f"which the spring exerts no force, 0 for a balancing spring"
+            )
+        if values["rest"] is not None and not values["stiffness"]:
+            raise RobotFileError(
+                f"{where}.rest: got {values['rest']:g}, but no stiffness; a damper alone has no rest"
             )
         return LineSpring(**values | {"rest": values["rest"] or 0.0})
 

@@ -91,8 +91,8 @@ class Request(PlanOptions):
             ).advising({"torque_sharing": None})
         if request.goal == "time" and np.isinf(list(limits.values())).all():
             raise InvalidInput(
-                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
-                "the quickest"
+                "torque_limit or speed_limit is needed, given or in the robot file (effort and velocity of "
+                "the URDF are not read): without limits no law is the quickest"
             )
         return request
 

@@ -11,8 +11,10 @@ from framework import ParallelRobot, plan_scene, simulate
 from framework.dynamics import dynamics_at, platform_stiffness
 from framework.errors import RobotFileError
 from framework.files.mjcf import convert_to_qpos, mjcf_text
+from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import integrate
 from framework.kinematics.line_springs import lines_at
+from framework.kinematics.mechanism import Mechanism
 from framework.model.description import LineSpring
 from framework.model.readers.recognise import parse_any
 from framework.model.robot_file import read_robot_file
@@ -143,6 +145,13 @@ def test_robot_files_state_springs_between_points(tmp_path):
     assert robot_document(description)["springs"] == [KEYS]
     robot = ParallelRobot.from_description(description)
     assert robot.spring_names == ("return",)
+
+
+def test_a_spring_between_joints_of_the_base_is_said_to_do_nothing(tmp_path):
+    still = KEYS | {"between": ["left_motor", "right_motor"]}
+    for spring, words in ((still, ["return: as long in all poses"]), (KEYS, [])):
+        advice = check_robot(Mechanism.from_file(_file_with_spring(tmp_path, spring))).advice
+        assert [line[:28] for line in advice if "all poses" in line] == words
 
 
 @pytest.mark.parametrize(

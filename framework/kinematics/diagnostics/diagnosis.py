@@ -21,7 +21,8 @@ from framework.kinematics.diagnostics.mobility import (
     count_freedoms,
     examine_platform_axes,
 )
-from framework.kinematics.frames import difference
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.line_springs import lines_at
 from framework.kinematics.linearised_loops import assembled_at, clearance, linearised_at_reference
 from framework.kinematics.loop_structure import assemble_mechanism, numerical_rank, rounded_gap
 from framework.kinematics.mechanism import Mechanism, velocity_columns
@@ -29,7 +30,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, Names
-from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, HELD_IDLE
+from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, HELD_IDLE, RANK_ROUNDING
 
 # [rad, robot lengths] larger motions of a joint are not due to the rounding of drawings
 MOVED_REFERENCE = 10 * EXPORT_ROUNDING
@@ -90,6 +91,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         *remarks,
         *_advice_on_motions(robot, mobility, axes),
         *_advice_on_loops(robot, redundant),
+        *_advice_on_line_springs(robot),
         *remarks_on_bodies(robot),
         *_advice_on_reference(robot),
     ]
@@ -257,6 +259,19 @@ def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
     friction = robot.friction_sizes(robot.passive)
     if friction:
         yield (f"dry friction, which no plan counts with: {friction}")
+
+
+def _advice_on_line_springs(robot: ParallelRobot) -> Iterator[str]:
+    """Yield advice on springs between two points whose lengths no joint changes."""
+    offsets = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.nv))
+    q = integrate(robot, np.tile(robot.reference.q, (len(offsets), 1)), offsets)
+    slope = np.abs(lines_at(robot, q).J).max(axis=(0, 2), initial=0.0)
+    still = [name for name, size in zip(robot.line_springs.names, slope, strict=True) if size < RANK_ROUNDING]
+    if still:
+        yield (
+            f"{', '.join(still)}: as long in all poses, so without effect: the origin of a link is at its "
+            f"joint; add frames where springs are hooked in"
+        )
 
 
 def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:

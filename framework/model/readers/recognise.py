@@ -232,7 +232,10 @@ def _find_pair(folder: Path) -> Path:
         if os.path.isfile(folder / name):
             return folder / name
     if os.path.isfile(folder / "plan.json"):
-        raise RobotFileError(f"{folder}: holds a plan, where a robot is needed: give its name or its file")
+        raise RobotFileError(
+            f"{folder}: holds a plan, where a robot is needed: give its name or its file; "
+            f"torques of the plan itself: load_plan({str(folder)!r}).torque(t) in Python"
+        )
     raise RobotFileError(
         f"{folder}: a folder without {' or '.join(names)}, and without the plan.json of a plan"
     )

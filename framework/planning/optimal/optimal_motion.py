@@ -126,23 +126,32 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
+    counted = task
     if task.specification.drives is not None and task.to_cross.explained:
         try:
             return _find_motion(task._replace(to_cross=replace(task.to_cross, explained=False)))
         except (NoLaw, NotConverged):
-            plain = replace(task.specification, drives=None)
-            motion = optimal_motion(task._replace(specification=plain))  # whose refusal has other reasons
-            if limit_excess(motion.dynamics, task.specification) <= 1.0:
-                return motion
-            raise _refuse_drives(task, motion) from None
+            counted = task._replace(specification=replace(task.specification, drives=None))
     try:
-        return _find_motion(task)
+        motion = _find_motion(counted)  # whose refusal has other reasons than drives
     except NoLaw as refusal:
         if isinstance(refusal.evidence, SearchEvidence) and task.to_cross.explained:
-            refusal.evidence = evidence = _try_remedies(task, refusal.evidence)
-            if evidence.limits is not None:
-                refusal.args = (f"{refusal}; {advice_of(task.robot, evidence.limits)}",)
+            sought = _try_remedies(task, _count_drives(task, refusal.evidence))
+            words = str(refusal).replace(refusal.evidence.sentence, sought.sentence)
+            advice = "" if sought.limits is None else f"; {advice_of(task.robot, sought.limits)}"
+            refusal.args, refusal.evidence = (words + advice,), sought
         raise
+    if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
+        raise _refuse_drives(task, motion)
+    return motion
+
+
+def _count_drives(task: Task, evidence: SearchEvidence) -> SearchEvidence:
+    """Return the evidence of a search without limits of drives with the least duration within these, too."""
+    if task.specification.drives is None or evidence.quickest is None:
+        return evidence
+    motion = _try_motion(task, goal="time", duration=None, longest=None)
+    return evidence._replace(quickest=None if motion is None else motion.dynamics.duration)
 
 
 def _try_motion(task: Task, **changes: Any) -> OptimalMotion | None:
@@ -227,8 +236,18 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
                 return evidence
     share = 1.0 - task.request.margin
     for raised in evidence.least.options:
-        if has_motion(**{name: share * limit for name, limit in raised.items()}):
+        changes = {name: share * limit for name, limit in raised.items()}
+        drives = task.specification.drives
+        if drives is not None:  # a curve reaches up to the torque limit
+            drives = drives._replace(torque_limit=changes.get("torque_limit", drives.torque_limit))
+        if has_motion(**changes, drives=drives):
             return evidence._replace(limits=raised)
+        plain = None if drives is None else _try_motion(task, **changes, drives=None)
+        if drives is not None and plain is not None:
+            looser = raise_drives(plain.dynamics, drives, share)
+            loosened: dict[str, Any] = {name: share * limit for name, limit in looser.items()}
+            if has_motion(**changes, drives=drives._replace(**loosened)):
+                return evidence._replace(limits=raised | looser)
     return evidence
 
 

@@ -126,6 +126,21 @@ def test_a_law_beyond_an_rms_torque_alone_is_refused_with_limits_that_do():
     assert plan_crossing(robot, LINE, duration=1.5, **no.value.remedy).motor_use
 
 
+@pytest.mark.slow
+def test_a_refusal_by_torques_advises_what_also_keeps_rms_torques():
+    robot = robots.load("five_bar")
+    limits = {"torque_limit": PAPERS, "rms_torque_limit": 0.08}
+    with pytest.raises(NoLaw, match=r"the torque of each peaks .* would do") as no:
+        plan_crossing(robot, LINE, duration=0.5, **limits)
+    longer = no.value.remedy["duration"]
+    assert longer > 1.05 * plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS).duration
+    plan = plan_crossing(robot, LINE, duration=longer, **limits)
+    assert all(use.ratio <= 1.0 for use in plan.motor_use)
+    raised = no.value.evidence.limits
+    assert set(raised) == {"torque_limit", "rms_torque_limit"}
+    assert plan_crossing(robot, LINE, duration=0.5, **raised).duration == 0.5
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
