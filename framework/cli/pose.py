@@ -211,10 +211,10 @@ def _report_stiffness(robot: ParallelRobot, q: Array, options: Namespace) -> Rep
         result = platform_stiffness(robot, q)
     except InvalidInput as failure:  # springs that leave the platform rigid along some axis
         if options.picture is not None:
-            remedy = {"picture": None}
-            if not robot.has_springs and robot.description.springs:  # rigid: those of the file are left out
-                remedy = {"flexibility": robot.description.least_flexibility("flexible_links")}
-            raise failure.advising(remedy) from None
+            if robot.has_springs or not robot.description.springs:
+                raise failure.advising({"picture": None}) from None
+            elastic = robot.description.least_flexibility("flexible_links")
+            raise failure.advising({"flexibility": elastic}) from None
         return {}, []
     names = robot.axis_names
     along = dict(zip(names, result.along_axes.tolist(), strict=True))

@@ -263,6 +263,8 @@ def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
 
 def _advice_on_line_springs(robot: ParallelRobot) -> Iterator[str]:
     """Yield advice on springs between two points whose lengths no joint changes."""
+    if not robot.line_springs.names:
+        return
     offsets = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.nv))
     q = integrate(robot, np.tile(robot.reference.q, (len(offsets), 1)), offsets)
     slope = np.abs(lines_at(robot, q).J).max(axis=(0, 2), initial=0.0)
