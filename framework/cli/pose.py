@@ -211,7 +211,7 @@ def _report_stiffness(robot: ParallelRobot, q: Array, options: Namespace) -> Rep
         result = platform_stiffness(robot, q)
     except InvalidInput as failure:  # springs that leave the platform rigid along some axis
         if options.picture is not None:
-            remedy = {"picture": None}
+            remedy: dict[str, str | None] = {"picture": None}
             if not robot.has_springs and robot.description.springs:  # rigid: those of the file are left out
                 remedy = {"flexibility": robot.description.least_flexibility("flexible_links")}
             raise failure.advising(remedy) from None
