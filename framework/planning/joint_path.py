@@ -22,6 +22,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.laws.curves import Spline
 from framework.laws.path import Line, Path
 from framework.model.description import Platform
@@ -151,13 +152,19 @@ def _choose_path(
         tracked += count
     x_start, x_goal = robot.platform.coordinates(frames_at(robot, np.stack([start, goal])))
     folds = _find_folds(robot, start, x_start)
+    beyond = None  # the first path that leaves the joints' limits
     for x_fold in folds:
         check_time()
         q = _pass_fold(robot, start, x_start, x_fold, x_goal)
-        if q is not None and is_end(q[-1]):
-            path = _fit_joint_path(robot, q, is_end)
-            if path is not None:
-                return path
+        if q is None or not is_end(q[-1]):
+            continue
+        is_within = not shares_beyond_limits(robot.limits, q).any()
+        path = _fit_joint_path(robot, q, is_end) if is_within or beyond is None else None
+        if path is not None and is_within:
+            return path
+        beyond = path if beyond is None else beyond
+    if beyond is not None:
+        return beyond
     raise NoLaw(
         f"{robot.name}: of {tracked} lines in joints without motors, and {len(folds)} ways by a stretched or "
         f"folded leg, none that a law can pass leads to the other working mode"

@@ -101,7 +101,7 @@ def _sorted_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     """
     if not len(q):
         return []
-    q = _turn_motors_within_limits(robot, q)
+    q = _turn_within_limits(robot, q)
     signs = leg_signs(robot, linearised_at(robot, q, np.tile(x, (len(q), 1))))
     motors = robot.actuated_coordinates(q)
     within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)  # > 0 beyond a limit
@@ -113,13 +113,13 @@ def _sorted_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     return modes
 
 
-def _turn_motors_within_limits(robot: ParallelRobot, q: Array) -> Array:
-    """Turn motor hinges of q (T, nq) beyond their limits by whole turns, where that leads within these."""
+def _turn_within_limits(robot: ParallelRobot, q: Array) -> Array:
+    """Turn hinges of q (T, nq) beyond their limits by whole turns, where that leads within these."""
     if robot.description.couplings:
         return q  # they count turns
     q = q.copy()
     for limit in robot.limits:
-        if limit.column in robot.actuated and limit.unit == "rad":
+        if limit.unit == "rad":
             angle = q[:, limit.coordinate]
             beyond = np.maximum(limit.lower - angle, 0.0) - np.maximum(angle - limit.upper, 0.0)
             turned = angle + np.sign(beyond) * 2.0 * np.pi * np.ceil(np.abs(beyond) / (2.0 * np.pi))

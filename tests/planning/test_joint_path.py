@@ -9,6 +9,7 @@ import pytest
 import robots
 from framework import InvalidInput, JointPath, Line, NoAnswer, assemble, load_plan, plan_crossing, simulate
 from framework.cli import main
+from framework.kinematics.tree_model import shares_beyond_limits
 from framework.planning import choose_joint_path, flip_legs, save_plan, with_platform_joints
 from framework.proofs.working_modes import working_modes
 from tests.oracles.equations_of_motion import defects_of
@@ -138,6 +139,15 @@ def test_a_leg_flips_where_it_is_stretched(name, motor, goal):
     assert max(defect.open, defect.acceleration, defect.force) < 1e-7
 
 
+@pytest.mark.slow
+def test_a_leg_flips_on_the_side_where_its_motor_keeps_its_limits():
+    robot = robots.load("delta", flexibility="rigid")  # over the nearest fold arm 1 would turn to 6.5 rad
+    start = robot.reference.q
+    plan = plan_crossing(robot, flip_legs(robot, start, start, ["motor_1"], []), duration=2.0)
+    poses = plan.configuration(np.linspace(0.0, plan.duration, 101))
+    assert not shares_beyond_limits(robot.limits, poses).any()
+
+
 def frame_of(robot, q):
     """The platform's frame, by pinocchio alone."""
     data = robot.model.createData()
@@ -168,5 +178,8 @@ def test_the_command_flips_the_legs_of_motors(capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["platform_joints"] == list(ELBOWS)
     assert [round(crossing["s"], 6) for crossing in document["crossings"]] == [0.675983]
+    line[4:6] = line[1:3]
+    assert main(["plan", "five_bar", *line, "--to-mode", "left_motor", "--json"]) == 0  # flips, and is back
+    capsys.readouterr()
     assert main(["plan", "five_bar", *line, "--to-mode", "elbow"]) == 2
     assert "valid: left_motor, right_motor" in capsys.readouterr().err
