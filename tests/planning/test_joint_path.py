@@ -143,7 +143,7 @@ def test_a_leg_flips_where_it_is_stretched(name, motor, goal):
 def test_a_leg_flips_on_the_side_where_its_motor_keeps_its_limits():
     robot = robots.load("delta", flexibility="rigid")  # over the nearest fold arm 1 would turn to 6.5 rad
     start = robot.reference.q
-    plan = plan_crossing(robot, flip_legs(robot, start, start, ["motor_1"], []), duration=2.0)
+    plan = plan_crossing(robot, flip_legs(robot, start, start, ["motor_1"]), duration=2.0)
     poses = plan.configuration(np.linspace(0.0, plan.duration, 101))
     assert not shares_beyond_limits(robot.limits, poses).any()
 
