@@ -34,9 +34,8 @@ from framework.laws.law import Law
 from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
-from framework.numerics.rotations import wrap_angles
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.joint_path import JointPath, flip_legs, with_platform_joints
+from framework.planning.joint_path import JointPath, flip_legs, is_flip, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
@@ -46,7 +45,6 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import FILE, plan_document, read_document
 from framework.singularity.points_on_path import search_path
-from framework.tolerances import SAME_PLACE
 
 if TYPE_CHECKING:
     from framework.fidelity.predicted_level import ChosenLevel
@@ -192,14 +190,8 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
     for motor in motors:
         check_choice("--to-mode", motor, robot.actuator_names)
     poses = [assemble(robot, x).q for x in (start, goal)]
-    is_flipped = np.isin(robot.actuator_names, motors)
-    (unflipped,) = robot.actuated_coordinates(poses[1][None])
     found = working_modes(robot, goal)
-    offsets = np.array([mode.motors - unflipped for mode in found.modes]).reshape(-1, robot.n_a)
-    offsets = np.where(robot.sliding[robot.actuated], offsets, wrap_angles(offsets))
-    is_elsewhere = np.abs(offsets) > SAME_PLACE * robot.length
-    is_wanted = np.all(is_elsewhere == is_flipped, axis=1)
-    modes = [mode.q for mode, wanted in zip(found.modes, is_wanted, strict=True) if wanted]
+    modes = [mode.q for mode in found.modes if is_flip(robot, mode.q, poses[1], motors)]
     if not modes and found.are_all:
         raise InvalidInput(
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "

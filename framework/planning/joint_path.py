@@ -119,14 +119,18 @@ def flip_legs(
     Raises:
         NoLaw: as `choose_joint_path`.
     """
-    is_flipped = np.isin(robot.actuator_names, motors)
 
     def arrives(q: Array) -> bool:
         """Return whether the platform is at the goal, and just these motors are elsewhere."""
-        is_elsewhere = _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
-        return _is_same_place(robot, q, goal) and np.array_equal(is_elsewhere, is_flipped)
+        return _is_same_place(robot, q, goal) and is_flip(robot, q, goal, motors)
 
     return _choose_path(robot, start, modes, goal, motors, arrives)
+
+
+def is_flip(robot: ParallelRobot, q: Array, goal: Array, motors: Sequence[str]) -> bool:
+    """Return whether just these motors are elsewhere at q (nq,) than at the goal (nq,), by no whole turns."""
+    is_elsewhere = _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
+    return np.array_equal(is_elsewhere, np.isin(robot.actuator_names, motors))
 
 
 def _choose_path(
