@@ -42,6 +42,7 @@ PLAN_KEYS = [
     "crossings",
     "peak_torque",
     "exceeded",
+    "motor_use",
     "neglected_friction",
     "neglected",
     "certificate",

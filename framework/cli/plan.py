@@ -35,7 +35,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.joint_path import JointPath, flip_legs, flipped_motors, with_platform_joints
+from framework.planning.joint_path import JointPath, flip_legs, is_flip, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
@@ -190,13 +190,8 @@ def _find_path_to_mode(robot: ParallelRobot, start: Array, goal: Array, motors: 
     for motor in motors:
         check_choice("--to-mode", motor, robot.actuator_names)
     poses = [assemble(robot, x).q for x in (start, goal)]
-    is_flipped = np.isin(robot.actuator_names, motors)
     working = working_modes(robot, goal)
-    modes = [
-        mode.q
-        for mode in working.modes
-        if np.array_equal(flipped_motors(robot, mode.q, poses[1]), is_flipped)
-    ]
+    modes = [mode.q for mode in working.modes if is_flip(robot, mode.q, poses[1], motors)]
     if not modes and working.are_all:
         raise InvalidInput(
             f"--to-mode: no pose at --to has just the legs of {', '.join(motors)} flipped; `crossing pose "

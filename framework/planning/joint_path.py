@@ -118,11 +118,10 @@ def flip_legs(
     Raises:
         NoLaw: as `choose_joint_path`.
     """
-    is_flipped = np.isin(robot.actuator_names, motors)
 
     def is_end(q: Array) -> bool:
         """Return whether the platform is at the goal, and just these motors are elsewhere."""
-        return _is_same_place(robot, q, goal) and np.array_equal(flipped_motors(robot, q, goal), is_flipped)
+        return _is_same_place(robot, q, goal) and is_flip(robot, q, goal, motors)
 
     return _choose_path(robot, start, modes, goal, is_end)
 
@@ -130,6 +129,12 @@ def flip_legs(
 def flipped_motors(robot: ParallelRobot, q: Array, goal: Array) -> BoolArray:
     """Return whether each motor (n_a,) stands elsewhere at q than at the goal (nq,), but for whole turns."""
     return _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
+
+
+def is_flip(robot: ParallelRobot, q: Array, goal: Array, motors: Sequence[str]) -> bool:
+    """Return whether just these motors are elsewhere at q (nq,) than at the goal (nq,), by no whole turns."""
+    is_elsewhere = _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
+    return np.array_equal(is_elsewhere, np.isin(robot.actuator_names, motors))
 
 
 def _choose_path(
