@@ -566,7 +566,6 @@ def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
     [
         (("--margin", "ten"), "--margin: needs a share"),
         (("--law", "optimal", "--raw"), "--raw samples the polynomial"),
-        (("--law", "optimal", "--times", 1.0), "times: belong to the polynomial"),
         (("--optimize", "time"), "torque_limit or speed_limit is needed"),
         (("--law", "polynomial", "--torque-limit", 1.0), "for the optimal law"),
     ],
