@@ -223,26 +223,28 @@ def real_numbers(what: str, given: ArrayLike) -> Array:
     raise InvalidInput(f"{what}: needs real numbers, got {_CUT.repr(given)}")
 
 
-def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = False) -> Array:
+def finite_numbers(
+    what: str, given: ArrayLike, count: int, *, stacks: bool = False, largest: float = LARGEST_NUMBER
+) -> Array:
     """Return numbers as an array (count,), or (T, count) where `stacks` are allowed.
 
     Raises:
-        InvalidInput: no numbers, numbers that are not finite or above LARGEST_NUMBER, or another count.
+        InvalidInput: no numbers, numbers that are not finite or above the largest, or another count.
     """
     try:
         values = real_numbers(what, given)
     except InvalidInput:
         values = np.empty(0)
     fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
-    finite = np.abs(values) <= LARGEST_NUMBER
-    largest = f" of at most {LARGEST_NUMBER:g}" if fits and np.isfinite(values).all() else ""
+    finite = np.abs(values) <= largest
+    at_most = f" of at most {largest:g}" if fits and np.isfinite(values).all() else ""
     if fits and values.ndim == 2 and not finite.all():
         rows = np.flatnonzero(~finite.all(axis=1)).tolist()
         which = f"{len(rows)} of {len(values)} rows are not, {short(rows)}"
-        raise InvalidInput(f"{what} must be finite numbers{largest}: {which}")
+        raise InvalidInput(f"{what} must be finite numbers{at_most}: {which}")
     if not fits or not finite.all():
         shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
-        raise InvalidInput(f"{what} must be {count} finite numbers{largest}, got {_CUT.repr(shown)}")
+        raise InvalidInput(f"{what} must be {count} finite numbers{at_most}, got {_CUT.repr(shown)}")
     return values
 
 

@@ -24,6 +24,7 @@ from framework.errors import (
     LimitsExceeded,
     NoAnswer,
     NoLaw,
+    NotAssembled,
     NotConverged,
     UnboundedTorque,
     UncontrolledMotions,
@@ -150,7 +151,7 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     if request.kind == "optimal":  # by a goal, or by limits without a duration
         try:
             return _plan_optimal(to_cross, request, "only the optimal law has a goal")
-        except (NoLaw, NotConverged, SearchEnded) as refusal:
+        except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
 
@@ -226,14 +227,15 @@ def _plan_after_refusal(
         raise
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
-    except (NoLaw, NotConverged) as optimal_refusal:
+    except (NoLaw, NotAssembled, NotConverged) as optimal_refusal:
         if not is_searched:
             return _plan_polynomial_within_limits(to_cross, request, optimal_refusal)
         refusal.args = (f"{refusal}; nor does the optimal law help: {optimal_refusal}",)
         if isinstance(refusal, NoLaw):
             refusal.proof = refusal.proof or getattr(optimal_refusal, "proof", None)
             refusal.evidence = getattr(optimal_refusal, "evidence", None)
-        raise refusal.advising(None) from None
+        # that the polynomial is resolved to another tolerance does not depend on the optimal law
+        raise refusal.advising(refusal.remedy if "tolerance" in (refusal.remedy or {}) else None) from None
 
 
 def _plan_polynomial_within_limits(

@@ -325,7 +325,9 @@ class Drive:
             for k, instant in enumerate(map(float, t)):
                 torque = source(instant, q[k], v[k]) if has_feedback else source(instant)
                 where = f"torque: at t = {instant:.9g} s"
-                torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a)
+                # what runs away is told by its motion, so that any torque is allowed here
+                largest = np.finfo(float).max
+                torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a, largest=largest)
             return torques
 
         return Drive(robot, torques_at, has_feedback, tuple(sorted(instants)), world)

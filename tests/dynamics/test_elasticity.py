@@ -45,7 +45,8 @@ def hurried(duration: float) -> str:
     """What is said of scene C of the 5R in this time."""
     robot, path = robots.load("five_bar", flexibility="flexible_links"), Line([0.1, 0.345], [-0.05, 0.195])
     with pytest.raises(NotConverged) as caught:
-        plan_crossing(robot, path, duration=duration, times=[0.6 * duration], speeds=[1.2 / duration])
+        at_crossing = {"times": [0.6 * duration], "speeds": [1.2 / duration]}
+        plan_crossing(robot, path, law="polynomial", duration=duration, **at_crossing)
     return str(caught.value)
 
 

@@ -94,8 +94,12 @@ def assert_same(again: CrossingPlan, plan: CrossingPlan) -> None:
             np.testing.assert_array_equal(one[key], other[key])
     # what is saved once more is what was saved, but for the numbers that are computed anew
     one, other = (json.loads(json.dumps(plan_document(each))) for each in (again, plan))
-    for key in set(one) - {"crossings", "peak_torque", "certificate", "exceeded", "neglected"}:
+    for key in set(one) - {"crossings", "peak_torque", "certificate", "exceeded", "motor_use", "neglected"}:
         assert one[key] == other[key], key
+    uses = [
+        [(use["joint"], use["limit"], use["allowed"]) for use in each["motor_use"]] for each in (one, other)
+    ]
+    assert uses[0] == uses[1]
     assert len(one["neglected"]) == len(other["neglected"])
     for effect, same in zip(one["neglected"], other["neglected"], strict=True):
         assert (effect["effect"], effect["motor"]) == (same["effect"], same["motor"])

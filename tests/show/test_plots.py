@@ -207,7 +207,7 @@ def test_all_figures_are_saved_as_pages_of_a_pdf_and_as_png(crossing_plan, tmp_p
     settings = dict(matplotlib.rcParams)
     document, *pictures = plots.save_figures(crossing_plan, tmp_path)
     assert dict(matplotlib.rcParams) == settings
-    names = ("robot", "law", "torques", "singularity", "wrench", "eye")
+    names = ("robot", "law", "torques", "singularity", "wrench", "eye", "vibrations")
     assert [path.name for path in pictures] == [f"{name}.png" for name in names]
     assert {document, *pictures} == set(tmp_path.iterdir())
     assert document.name == "figures.pdf"

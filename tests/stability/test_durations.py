@@ -24,6 +24,7 @@ def scaled_torque(duration: float, flexibility: str = "rigid") -> np.ndarray:
     plan = plan_crossing(
         robots.load("five_bar", flexibility=flexibility),
         LINE,
+        law="polynomial",
         duration=duration,
         times=[0.6 * duration],
         speeds=[1.2 / duration],
