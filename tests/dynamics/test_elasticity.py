@@ -44,8 +44,8 @@ def test_the_last_change_is_part_of_the_verdict(monkeypatch):
 def hurried(duration: float) -> str:
     """What is said of scene C of the 5R in this time."""
     robot, path = robots.load("five_bar", flexibility="flexible_links"), Line([0.1, 0.345], [-0.05, 0.195])
+    at_crossing = {"times": [0.6 * duration], "speeds": [1.2 / duration]}
     with pytest.raises(NotConverged) as caught:
-        at_crossing = {"times": [0.6 * duration], "speeds": [1.2 / duration]}
         plan_crossing(robot, path, law="polynomial", duration=duration, **at_crossing)
     return str(caught.value)
 
