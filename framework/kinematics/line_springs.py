@@ -45,11 +45,9 @@ class Lines(NamedTuple):
         separation = frames.position[:, springs.second] - frames.position[:, springs.first]
         length = np.sqrt(dot(separation, separation))
         u = separation / np.maximum(length, LEAST_DIVISOR)[..., None]
-        first, second = (
-            np.stack([frames.frame_jacobian(frame)[:, :3] for frame in ends], axis=1)  # (T, K, 3, nv)
-            for ends in (springs.first, springs.second)
-        )
-        D = second - first
+        D = np.zeros((*length.shape, 3, mechanism.nv))  # (T, K, 3, nv)
+        for k, (first, second) in enumerate(zip(springs.first, springs.second, strict=True)):
+            D[:, k] = frames.frame_jacobian(second)[:, :3] - frames.frame_jacobian(first)[:, :3]
         J = matmul(u[:, :, None], D)[:, :, 0]
         return Lines(mechanism, springs, frames, length, u, D, J)
 
