@@ -223,6 +223,10 @@ def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
     places = np.linspace(0.0, 1.0, LEAST_COUNT)
     near = np.empty((0, 4))
 
+    def torques(times: Array) -> Array:
+        """All poses in one stack, from guesses between those of the path as followed."""
+        return case.bare_torques(times, np.stack([np.interp(law(times), places, q) for q in near.T], axis=1))
+
     def run() -> Torques:
         nonlocal near
         near, rows = robot.joints(given.path()(places))
@@ -238,9 +242,9 @@ def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
         samples, before = LEAST_COUNT, None
         while samples <= MOST_COUNT:
             times = np.linspace(0.0, T, samples)
-            values = case.bare_torques(times)
+            values = torques(times)
             if before is not None and np.abs(before(times) - values).max() < agreement:
-                return Torques(make_interp_spline(times, values, k=9), case.bare_torques)
+                return Torques(make_interp_spline(times, values, k=9), torques)
             samples, before = 2 * samples - 1, make_interp_spline(times, values, k=9)
         raise ArithmeticError(f"tables differ by more than {agreement:g} N m up to {MOST_COUNT} samples")
 
