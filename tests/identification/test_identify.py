@@ -90,7 +90,7 @@ def test_torques_held_out_are_predicted_and_the_bodies_can_exist(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("motion", ["to and fro", "sines"])
+@pytest.mark.parametrize("motion", ["stroke", "to and fro", "sines"])
 def test_intervals_hold_the_truth_as_often_as_they_say(motion):
     """Intervals of 95 %, in 40 runs whose 10 parameters share the noise: within 4 points of it."""
     found = measure_coverage("five_bar_heavy", motion, RUNS)
@@ -210,7 +210,7 @@ def test_mass_and_centre_of_a_platform_are_known_to_a_percent():
 
 @pytest.mark.slow
 def test_intervals_of_a_payload_hold_the_truth_from_a_poor_stroke(monkeypatch):
-    """Mass and centre in 20 runs of one stroke: 95 % within 5 points, 2 deviations of chance."""
+    """Mass and centre in 40 runs of one stroke: 95 % within 4 points, 2 deviations of chance."""
     monkeypatch.setitem(MOTIONS, "stroke", (1.0, 250.0))
     nominal = robots.load("gough_stewart")
 
@@ -223,10 +223,10 @@ def test_intervals_of_a_payload_hold_the_truth_from_a_poor_stroke(monkeypatch):
     truth = [mass, *(moment / mass for moment in moments)]
     exact = exact_motors(true, "stroke", size=0.02)
     inside = []
-    for seed in range(RUNS // 2):
+    for seed in range(RUNS):
         shown = identify(nominal, record(true, exact, seed), only=["payload"]).quantities[:4]
         inside += [abs(q.value - value) < 1.96 * q.deviation for q, value in zip(shown, truth, strict=True)]
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.05)
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.04)
 
 
 def mistaken(data: Recording, change) -> Recording:

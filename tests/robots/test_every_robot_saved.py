@@ -96,10 +96,9 @@ def assert_same(again: CrossingPlan, plan: CrossingPlan) -> None:
     one, other = (json.loads(json.dumps(plan_document(each))) for each in (again, plan))
     for key in set(one) - {"crossings", "peak_torque", "certificate", "exceeded", "motor_use", "neglected"}:
         assert one[key] == other[key], key
-    uses = [
-        [(use["joint"], use["limit"], use["allowed"]) for use in each["motor_use"]] for each in (one, other)
-    ]
-    assert uses[0] == uses[1]
+    for use, same in zip(one["motor_use"], other["motor_use"], strict=True):
+        assert (use["joint"], use["limit"], use["allowed"]) == (same["joint"], same["limit"], same["allowed"])
+        assert use["ratio"] == pytest.approx(same["ratio"], rel=DEFORMED_TORQUE)
     assert len(one["neglected"]) == len(other["neglected"])
     for effect, same in zip(one["neglected"], other["neglected"], strict=True):
         assert (effect["effect"], effect["motor"]) == (same["effect"], same["motor"])
