@@ -206,7 +206,7 @@ def _report_singularity(robot: ParallelRobot, q: Array) -> Report:
 
 
 def _report_stiffness(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
-    """Report stiffness and vibrations with locked motors, without load; draw them into --picture."""
+    """Report stiffness and vibrations of an unloaded pose with locked motors; draw --picture."""
     try:
         result = platform_stiffness(robot, q)
     except InvalidInput as failure:  # springs that leave the platform rigid along some axis

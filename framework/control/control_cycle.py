@@ -496,7 +496,7 @@ class SinglePose:
         return self.residual
 
     def _update_frames(self) -> None:
-        """Copy axes and origins of the frames from pinocchio, which has those of all frames of the model."""
+        """Copy axes and origins of the frames from pinocchio."""
         placements = self.scratch.placements.reshape(-1, 4, 3)
         placements.take(self.scratch.frames, axis=0, out=self._placements)
 

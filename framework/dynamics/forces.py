@@ -157,7 +157,7 @@ def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
 
 
 def all_spring_forces(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
-    """Compute the forces (T, nv) of springs of stiffness (nv,) on joints, and of those between points."""
+    """Compute the forces (T, nv) of springs on joints and between points."""
     forces = spring_torques(robot, q, stiffness) if stiffness.any() else np.zeros((len(q), robot.nv))
     return forces + lines_at(robot, q).forces() if robot.line_springs.names else forces
 
@@ -305,7 +305,7 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Ar
         by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
     by_v += np.diag(robot.joint_damping)
     if robot.line_springs.names:
-        lines = Lines.at(robot, motion.linearised.frames)
+        lines = Lines.of(robot, motion.linearised.frames)
         by_q += lines.force_slope(motion.v)
         by_v += lines.damping
     for wrench in motion.wrenches:

@@ -371,7 +371,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     # sum the wrenches of each joint about the base's origin, then move the sums to the joints' origins
     about_base = move_wrench(loops.wrench, loops.position)
     loads = matmul(signs.T, loops.multipliers[:, :, None] * about_base)
-    lines = Lines.at(robot, motion.linearised.frames)
+    lines = Lines.of(robot, motion.linearised.frames)
     for load in (*motion.wrenches, *lines.pulls(motion.v)):
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)

@@ -86,7 +86,7 @@ def compliant_motions(
     transposed = Z.swapaxes(1, 2)
     of_lines = np.zeros((1, 1, 1))  # springs between points, without the geometric stiffness of their pull
     if robot.line_springs.names:
-        between = Lines.at(robot, linearised.frames).stiffness[:, columns[:, None], columns]
+        between = Lines.of(robot, linearised.frames).stiffness[:, columns[:, None], columns]
         of_lines = matmul(transposed, matmul(between, Z))
     return CompliantMotions(
         Z=Z,
@@ -97,7 +97,7 @@ def compliant_motions(
 
 
 def natural_frequencies(free: CompliantMotions, count: int) -> Array:
-    """Compute the `count` lowest natural frequencies (T, count) [Hz]; NaN where there are fewer."""
+    """Compute the lowest natural frequencies (T, count) [Hz]; NaN beyond the last."""
     frequencies = np.full((len(free.K), count), np.nan)
     for k, (stiffness, mass) in enumerate(zip(free.K, free.M, strict=True)):
         squares, _shapes = _vibrations(stiffness, mass)
@@ -160,7 +160,7 @@ def softest_motion(robot: ParallelRobot, free: CompliantMotions) -> tuple[Array,
 
 
 def moving_axes(robot: ParallelRobot) -> IntArray:
-    """Return the k axes of the platform along which it moves; of one that only turns, all."""
+    """Return the k axes along which a platform moves; all where only turns are possible."""
     return np.flatnonzero(robot.translations if robot.translations.any() else ~robot.translations)
 
 
@@ -173,7 +173,7 @@ def _unit_rows(vectors: Array) -> Array:
 
 
 def direction_in_words(names: Sequence[str], direction: Array) -> str:
-    """Say along which axis a unit direction (k,) leads, and how far off it.
+    """Say along which axis a unit direction (k,) leads, and the angle off.
 
     Examples are "along y" and "21 degrees off y, towards -x and z".
     """
@@ -236,7 +236,7 @@ class PlatformStiffness(ReadOnlyArrays):
         _values, vectors = np.linalg.eigh(self.stiffness * np.outer(scale, scale))
         return _unit_rows(vectors[None, :, 0])[0]
 
-    def displaced(self, mode: int, size: float) -> Array:
+    def displace_pose(self, mode: int, size: float) -> Array:
         """Return the configuration (nq,) in which a vibration moves its largest joint by `size`.
 
         `size` is in rad or robot lengths. The loops are closed to first order.

@@ -127,7 +127,7 @@ def tangent_stiffness(
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
     stiffness = _gravity_stiffness(robot, q) * load.share[:, None, None]
     if robot.line_springs.names:
-        of_lines = Lines.at(robot, linearised.frames).force_slope()
+        of_lines = Lines.of(robot, linearised.frames).force_slope()
         stiffness += 0.5 * (of_lines + of_lines.swapaxes(1, 2))  # not symmetric on balls, like gravity's
     between_joints = stiffness[:, columns[:, None], columns]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(between_joints, steps)

@@ -73,7 +73,7 @@ class InternalSplines(NamedTuple):
 
 
 def internal_frames(projectors: Array, r: int, reference: Array | None = None) -> Array:
-    """Compute orthonormal bases (T, n_a, r) of internal torques from projectors (T, n_a, n_a) on them.
+    """Compute orthonormal bases (T, n_a, r) of internal torques.
 
     Args:
         r: number of redundant motors.
@@ -243,7 +243,7 @@ class _SharedMotion:
         return self.grid.fit(self.reference * self._add_internal(x))
 
     def certify(self, torques: TimeFunction) -> InverseDynamics:
-        """Return the motion with other torques, and with the certificate of these."""
+        """Return the motion certified with other torques."""
         result, robot = self.result, self.result.robot
         times = check_instants(robot, self.grid)
         motion = result.motion(times)

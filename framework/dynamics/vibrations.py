@@ -128,6 +128,6 @@ def _damping(
     """Compute the damping (T, d, d) of joints and between points along free motions of `columns` (f,)."""
     damping = np.diag(robot.joint_damping)
     if robot.line_springs.names:
-        damping = damping + Lines.at(robot, linearised.frames).damping
+        damping = damping + Lines.of(robot, linearised.frames).damping
     of_columns = damping[..., columns[:, None], columns]
     return free.Z.swapaxes(1, 2) @ of_columns @ free.Z

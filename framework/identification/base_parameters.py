@@ -434,7 +434,7 @@ def write_inertial(link: Element, parameters: Array) -> None:
 
 
 def central_moments(parameters: Array) -> tuple[Array, Array]:
-    """Compute the centres of mass c (..., 3) and second moments about them (..., 3, 3) of (..., 10).
+    """Compute centres of mass (..., 3) and central second moments (..., 3, 3).
 
     With the second moments S about the origin, those about c are S - m c c'.
     """

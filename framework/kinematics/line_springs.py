@@ -39,7 +39,7 @@ class Lines(NamedTuple):
     J: Array  # (T, K, nv) derivative of the length
 
     @staticmethod
-    def at(mechanism: Mechanism, frames: FrameStack, springs: LineSprings | None = None) -> Lines:
+    def of(mechanism: Mechanism, frames: FrameStack, springs: LineSprings | None = None) -> Lines:
         """Compute the lines of a mechanism's springs; `springs` replaces their numbers."""
         springs = mechanism.line_springs if springs is None else springs
         separation = frames.position[:, springs.second] - frames.position[:, springs.first]
@@ -137,4 +137,4 @@ class Lines(NamedTuple):
 
 def lines_at(mechanism: Mechanism, q: Array) -> Lines:
     """Compute the lines of a mechanism's springs at configurations q (T, nq)."""
-    return Lines.at(mechanism, frames_at(mechanism, q))
+    return Lines.of(mechanism, frames_at(mechanism, q))

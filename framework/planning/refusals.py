@@ -251,6 +251,7 @@ class SearchEvidence(NamedTuple):
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
     start_speed: the derivatives of s at a slower start from which a law was found within the limits.
+    reason: what was not found, in words; empty where the refusal gives no numbers.
     """
 
     cells: int
@@ -259,6 +260,7 @@ class SearchEvidence(NamedTuple):
     limits: dict[str, Array] | None = None
     duration: float | None = None
     start_speed: tuple[float, ...] | None = None
+    reason: str = ""
 
     @property
     def sentence(self) -> str:
@@ -282,6 +284,11 @@ class SearchEvidence(NamedTuple):
         if self.start_speed is not None:
             parts.append(f"a law was found within the limits from s' = {self.start_speed[0]:g} 1/s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])
+
+
+def describe_search(robot: ParallelRobot, evidence: SearchEvidence) -> str:
+    """Return the refusal of a search, with its numbers."""
+    return f"{robot.name}: {evidence.reason}: {evidence.sentence}"
 
 
 def _ratio_text(ratio: float | None) -> str:

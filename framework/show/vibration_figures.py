@@ -55,7 +55,7 @@ def plot_modes(result: PlatformStiffness) -> Figure:
     rest = sight.onto(_link_lines(result, poses))
     for k, ax in enumerate(others):
         if k < count:
-            draw_robot(robot, result.displaced(k, DRAWN_MOTION), ax, sight=sight)
+            draw_robot(robot, result.displace_pose(k, DRAWN_MOTION), ax, sight=sight)
             ax.add_collection(LineCollection(list(rest), colors=CROSSING, linewidths=0.8, zorder=4))
             ax.set_title(f"vibration {k + 1}: {result.frequencies[k]:.4g} Hz", fontsize=7)
     panels = [first, *others]

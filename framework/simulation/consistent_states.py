@@ -197,7 +197,7 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     robot = equations.robot
     stiffness, damping = np.diag(equations.stiffness), np.diag(equations.damping)
     if robot.line_springs.names:
-        lines = Lines.at(robot, tangent.frames)
+        lines = Lines.of(robot, tangent.frames)
         stiffness, damping = stiffness + lines.force_slope()[0], damping + lines.damping[0]
     springs = light.T @ stiffness @ light  # (k, k)
     dampers = light.T @ damping @ light

@@ -150,7 +150,7 @@ class EquationsOfMotion:
         springs = spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
         force += self.rotors * a + self.damping * v + springs
         if self.robot.line_springs.names:
-            lines = Lines.at(self.robot, frames)
+            lines = Lines.of(self.robot, frames)
             force += lines.forces(v)
             by_q += lines.force_slope(v)
             by_v += lines.damping

@@ -389,7 +389,7 @@ class Stepper:
         frames = frames_at(self.robot, q, self._models(runs))
         loops = loop_equations(self.equations[0].rows, frames)
         springs = self.line_springs
-        lines = Lines.at(self.robot, frames, springs) if springs.names else None
+        lines = Lines.of(self.robot, frames, springs) if springs.names else None
         return Terms(mass, self.bias(q, v), frames, *loops, lines, self.drift(frames, v))
 
     def bias(self, q: Array, v: Array) -> Array:

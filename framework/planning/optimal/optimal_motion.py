@@ -56,7 +56,14 @@ from framework.planning.optimal.undeformed_law import (
     solve_problem,
     suggest_time,
 )
-from framework.planning.refusals import PRINTED_DIGITS, LeastLimits, SearchEvidence, StaticFold, advice_of
+from framework.planning.refusals import (
+    PRINTED_DIGITS,
+    LeastLimits,
+    SearchEvidence,
+    StaticFold,
+    advice_of,
+    describe_search,
+)
 from framework.planning.request import limit_excess, motor_peaks, share_within
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
@@ -137,7 +144,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
     except NoLaw as refusal:
         if isinstance(refusal.evidence, SearchEvidence) and task.to_cross.explained:
             sought = _try_remedies(task, _count_drives(task, refusal.evidence))
-            words = str(refusal).replace(refusal.evidence.sentence, sought.sentence)
+            words = describe_search(task.robot, sought) if sought.reason else str(refusal)
             advice = "" if sought.limits is None else f"; {advice_of(task.robot, sought.limits)}"
             refusal.args, refusal.evidence = (words + advice,), sought
         raise

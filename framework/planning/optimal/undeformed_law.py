@@ -33,7 +33,13 @@ from framework.planning.optimal.peak_bound import find_refuting_bound, torques_a
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
-from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence
+from framework.planning.refusals import (
+    PRINTED_DIGITS,
+    HoldingTorque,
+    LeastLimits,
+    SearchEvidence,
+    describe_search,
+)
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     BOUND_MARGIN,
@@ -369,7 +375,8 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
         peak, _ = format_distinct(proof.value, 1.0)
         start += ", too fast to brake within the limits" if start else ""
         reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
-    return NoLaw(f"{name}: {reason}: {evidence.sentence}", proof=proof, evidence=evidence)
+    evidence = evidence._replace(reason=reason)
+    return NoLaw(describe_search(problem.task.robot, evidence), proof=proof, evidence=evidence)
 
 
 def _describe_times(program: SpeedProgram) -> str:
