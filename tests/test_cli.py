@@ -440,8 +440,8 @@ NO_ANSWERS = [
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.6", ["leg of left_motor", "s = 0.2", "(0.1, 0.4)"]),
     ("plan five_bar --from 0.1 0.345 --to 0.1 0.6 --duration 1", ["leg of left_motor", "(0.1, 0.4)"]),
     ("plan five_bar --from 0.1 0.7 --to 0.1 0.345 --duration 1", ["reference", "leg of"]),
-    ("plan five_bar --scene C --times 0.01", ["law", "times or speeds"]),  # leaves the path
-    ("plan five_bar --scene C --times 1.4 --speeds 40", ["law"]),
+    ("plan five_bar --scene C --law polynomial --times 0.01", ["law", "times or speeds"]),  # leaves the path
+    ("plan five_bar --scene C --law polynomial --times 1.4 --speeds 40", ["law"]),
 ]
 
 

@@ -121,6 +121,22 @@ def test_the_highest_level_follows_its_plan_in_its_own_simulation():
     assert highest.platform <= 0.1 * crossing_study().tolerance
 
 
+@pytest.mark.parametrize(("error_of_a_step", "steps"), [(10.0, 1e-3), (1e3, 1e-5)])
+def test_steps_are_shortened_until_the_plan_follows_itself(monkeypatch, error_of_a_step, steps):
+    """Steps are off by 1e-3 of the tolerance or, if that carries the platform off, by 1e-5 of it."""
+    study = crossing_study()
+    reference = ReferenceMotion.of(study.highest, study.robot, study.tolerance)
+    reference.length = reference.highest.length  # shares of the path's length are shares of the robot's
+
+    def simulated(self, level, motion):
+        error = np.full(len(self.times), error_of_a_step * self.step_error)
+        return Comparison(level, motion, 0.0 * error, error)
+
+    monkeypatch.setattr(ReferenceMotion, "_simulate", simulated)
+    assert list(reference.compare_levels([])) == []
+    assert reference.step_error == pytest.approx(steps * study.tolerance)
+
+
 def test_a_robot_without_springs_is_judged_by_the_rigid_one():
     description = replace(robots.load("five_bar_heavy").description, springs=())
     study = fidelity_study(ParallelRobot.from_description(description), "C", tolerance=1e-4)
