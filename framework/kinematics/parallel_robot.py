@@ -214,11 +214,6 @@ class ParallelRobot(Mechanism):
         """Names of the platform coordinates, e.g. ("x", "y"), or names of joints."""
         return self.description.platform.names
 
-    @cached_property
-    def row_lengths(self) -> Array:
-        """Characteristic size of all loop equations, (rows,): length of the robot [m], 1 for rotations."""
-        return read_only(np.where(self.rows.rotation, 1.0, self.length))
-
     @property
     def loop_lengths(self) -> Array:
         """Size of the independent loop equations, (m,): length of the robot [m], 1 for rotations."""

@@ -89,7 +89,7 @@ def test_a_motion_with_neither_mass_nor_stiffness_is_refused_and_named():
 
 
 def test_massless_motions_that_dampers_between_points_hold_keep_their_start():
-    """Dampers from the tip to two points of the base resist all motions; without springs all poses balance."""
+    """Dampers from the tip to two points of the base resist all motions, and no spring drives one."""
     description = robots.load("five_bar").description
     dampers = tuple(LineSpring((base, "left_tip"), damping=4.0) for base in ("left_crank", "base"))
     robot = ParallelRobot.from_description(replace(description, line_springs=dampers))
