@@ -188,7 +188,7 @@ def jacobians_apart(mechanism: Mechanism, reference: Array, *, distance: float =
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
     """Compute the dimensionless Jacobian (n + rows, nv) of platform and all loop equations at q (nq,)."""
     jacobian = platform.jacobian(frames_at(mechanism, q[None]))
-    rows = scale_jacobian(mechanism, jacobian, ~platform.translations)[0]
+    rows = scale_jacobian(mechanism, jacobian, mechanism.unit_lengths(~platform.translations))[0]
     return np.concatenate([rows, loops_at(mechanism, q).jacobian])
 
 

@@ -315,15 +315,19 @@ class Mechanism(ReadOnlyArrays):
             sliding[joint.idx_v] = is_slide(joint)
         return read_only(sliding)
 
+    def unit_lengths(self, turning: BoolArray) -> Array:
+        """Return the unit of k numbers: 1 rad if `turning` (k,), else the length [m] of the mechanism."""
+        return np.where(turning, 1.0, self.length)
+
     @cached_property
     def column_scale(self) -> Array:
         """Characteristic size of each column, (nv,): length of the mechanism for slides, 1 for turns."""
-        return read_only(np.where(self.sliding, self.length, 1.0))
+        return read_only(self.unit_lengths(~self.sliding))
 
     @cached_property
     def row_lengths(self) -> Array:
         """Characteristic size of each loop equation, (rows,): mechanism length [m], 1 for rotations."""
-        return read_only(np.where(self.rows.rotation, 1.0, self.length))
+        return read_only(self.unit_lengths(self.rows.rotation))
 
     @property
     def joint_ranges(self) -> Array:
