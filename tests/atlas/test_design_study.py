@@ -47,7 +47,7 @@ def test_the_area_is_that_of_both_legs_reach(given, found):
     assert found.units["torque_median"] == "N m/N"
 
 
-@pytest.mark.parametrize("wrong", ["columns", "designs"])
+@pytest.mark.parametrize("wrong", ["columns", pytest.param("designs", marks=pytest.mark.slow)])
 def test_a_kept_chunk_of_other_columns_or_designs_is_computed_anew(given, tmp_path, wrong):
     task, designs = given[0]._replace(size=3), given[1]._replace(values=given[1].values[:2])
     kept = KeptChunks.of(tmp_path, study_setup(task, designs))

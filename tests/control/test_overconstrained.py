@@ -11,7 +11,7 @@ from framework.control import CONTROLLERS, ControlLoop, Spread, reference_of, tu
 from framework.control.control_cycle import ControlCycle
 from framework.control.study import run_study
 
-SCENES = ("pick", "pick-mirrored")
+SCENES = ("pick", pytest.param("pick-mirrored", marks=pytest.mark.slow))
 plan = cache(lambda scene: plan_scene(robots.load("diamond"), scene))
 
 

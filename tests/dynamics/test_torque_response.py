@@ -20,7 +20,7 @@ from framework.singularity.points_on_path import search_path
 
 DAMPED = {"left_motor": JointDynamics(damping=0.02), "left_elbow": JointDynamics(damping=0.01)}
 CASES = [
-    ("five_bar", "C", "flexible_links", {}),  # springs with inertia
+    pytest.param("five_bar", "C", "flexible_links", {}, marks=pytest.mark.slow),  # springs with inertia
     ("five_bar", "C", "flexible_joints", DAMPED),  # springs without
     pytest.param("five_bar", "C", "flexible_joints", {}, marks=pytest.mark.slow),
     pytest.param("three_rpr", "crossing", "flexible_links", {}, marks=pytest.mark.slow),

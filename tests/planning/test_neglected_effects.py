@@ -15,7 +15,7 @@ from framework.planning.neglected_effects import ModelOnMotion
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
 
-TIMES = np.linspace(0.0, 1.5, 151)
+TIMES = np.linspace(0.0, 1.5, 61)
 
 
 def with_joints(name: str, **joints: JointDynamics) -> ParallelRobot:

@@ -31,6 +31,7 @@ def speed_squared(path: Arc, twist: np.ndarray) -> float:
     return float((G @ twist) / (path(0.5, 2) @ twist))
 
 
+@pytest.mark.slow
 def test_under_gravity_the_payload_crosses_in_free_fall_along_the_twist():
     robot = hanging()
     path, twist = next(

@@ -40,7 +40,7 @@ def test_the_highest_speed_is_that_of_a_linear_program(motors):
     assert refused < 40
 
 
-@pytest.mark.parametrize("motors", [2, 4])
+@pytest.mark.parametrize("motors", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
     """At each s' the limits leave a range of s"; the last s' at which it is not empty is the highest."""
     rng = np.random.default_rng(10 + motors)
