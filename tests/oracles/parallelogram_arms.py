@@ -77,3 +77,29 @@ class ParallelogramArms:
     def potential_energy(self, p):
         knee = self.knees(self.motor_angles(p))[:, 2]
         return 9.81 * np.sum(0.5 * self.arm_mass * knee + 0.5 * self.rod_mass * (knee + p[..., 2]))
+
+
+@dataclass(frozen=True)
+class LevelPlatform:
+    """A platform of three such legs, on which all wrists are one point x: the delta."""
+
+    arms: ParallelogramArms
+    mass: float  # [kg] of what moves with the platform
+
+    def motor_angles(self, x):
+        return self.arms.motor_angles(x).real
+
+    def forearms(self, x):
+        """Unit vectors from knee to platform (3, 3)."""
+        return self.arms.forearms(x, self.motor_angles(x))
+
+    def velocity_ratio(self, x):
+        """dq/dx (3, 3): n . (v - knee rate) = 0 in each leg."""
+        n = self.forearms(x)
+        return n / np.sum(n * self.arms.knee_rates(self.motor_angles(x)), axis=1)[:, None]
+
+    def kinetic_energy(self, x, dx):
+        return 0.5 * self.mass * dx @ dx + self.arms.kinetic_energy(x, dx)
+
+    def potential_energy(self, x):
+        return 9.81 * self.mass * x[2] + self.arms.potential_energy(x)

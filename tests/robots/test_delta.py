@@ -12,7 +12,7 @@ import numpy as np
 from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Crossing, Kinematics
 from tests.oracles.lagrange import platform_force
-from tests.oracles.parallelogram_arms import ParallelogramArms
+from tests.oracles.parallelogram_arms import LevelPlatform, ParallelogramArms
 
 ROBOT = "delta"
 ARM, ROD = 0.524, 1.244  # [m]
@@ -30,46 +30,24 @@ ARMS = ParallelogramArms(
     rod_radius=0.008,
     elbow=np.array([-1.0, 1.0, 1.0]),  # leg 1 has its elbow inward
 )
-
-
-def motor_angles(x):
-    return ARMS.motor_angles(x).real
-
-
-def forearms(x):
-    """Unit vectors from knee to platform (3, 3)."""
-    return ARMS.forearms(x, motor_angles(x))
-
-
-def velocity_ratio(x):
-    """dq/dx (3, 3): n . (v - knee rate) = 0 in each leg."""
-    n = forearms(x)
-    return n / np.sum(n * ARMS.knee_rates(motor_angles(x)), axis=1)[:, None]
-
-
-def kinetic_energy(x, dx):
-    return 0.5 * PLATFORM_MASS * dx @ dx + ARMS.kinetic_energy(x, dx)
-
-
-def potential_energy(x):
-    return 9.81 * PLATFORM_MASS * x[2] + ARMS.potential_energy(x)
+DELTA = LevelPlatform(ARMS, PLATFORM_MASS)
 
 
 def normals(x):
     """Normals of the three parallelograms (3, 3); coplanar in a constraint singularity."""
-    return np.cross(ARMS.side, forearms(x))
+    return np.cross(ARMS.side, DELTA.forearms(x))
 
 
 PLACES = [0, 0, -1.2] + 0.15 * np.random.default_rng(3).uniform(-1, 1, (12, 3))
-KINEMATICS = Kinematics(PLACES, motor_angles, velocity_ratio, 1e-12, 1e-10)
+KINEMATICS = Kinematics(PLACES, DELTA.motor_angles, DELTA.velocity_ratio, 1e-12, 1e-10)
 CROSSING = Crossing(
     scene="cross",
     unprepared="cross-unprepared",
     clear="pick",
-    lines=forearms,
+    lines=DELTA.forearms,
     bracket=(0.3, 0.7),
-    rates=velocity_ratio,
-    force=partial(platform_force, kinetic_energy, potential_energy),
+    rates=DELTA.velocity_ratio,
+    force=partial(platform_force, DELTA.kinetic_energy, DELTA.potential_energy),
     gear=GEAR,
     share=0.5,
     twist_within=1e-10,

@@ -8,7 +8,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.singularity.type2 import singularity_measure
 from tests.oracles.closed_form import Kinematics
 from tests.oracles.lagrange import platform_force
-from tests.oracles.parallelogram_arms import ParallelogramArms
+from tests.oracles.parallelogram_arms import LevelPlatform, ParallelogramArms
 
 ROBOT = "delta_hinges"
 ARM, ROD = 0.26, 0.54  # [m]
@@ -28,45 +28,24 @@ ARMS = ParallelogramArms(
     rod_radius=0.006,
     swung_inertia=2 * BAR_MASS * BAR_RADIUS**2 / 2,  # upper and lower bar about themselves
 )
-
-
-def motor_angles(x):
-    return ARMS.motor_angles(x).real
-
-
-def forearms(x):
-    """Unit vectors from knee to platform (3, 3)."""
-    return ARMS.forearms(x, motor_angles(x))
-
-
-def velocity_ratio(x):
-    """dq/dx (3, 3): n . (v - knee rate) = 0 in each leg."""
-    n = forearms(x)
-    return n / np.sum(n * ARMS.knee_rates(motor_angles(x)), axis=1)[:, None]
-
-
-def kinetic_energy(x, dx):
-    return 0.5 * (PLATFORM_MASS + 3 * BAR_MASS) * dx @ dx + ARMS.kinetic_energy(x, dx)
-
-
-def potential_energy(x):
-    return 9.81 * (PLATFORM_MASS + 3 * BAR_MASS) * x[2] + ARMS.potential_energy(x)
+DELTA = LevelPlatform(ARMS, PLATFORM_MASS + 3 * BAR_MASS)
 
 
 def motor_torques(x, dx, ddx):
-    force = platform_force(kinetic_energy, potential_energy, x, dx, ddx)
-    return np.linalg.solve(velocity_ratio(x).T, force) / GEAR
+    force = platform_force(DELTA.kinetic_energy, DELTA.potential_energy, x, dx, ddx)
+    return np.linalg.solve(DELTA.velocity_ratio(x).T, force) / GEAR
 
 
 PLACES = [0, 0, -0.56] + 0.12 * np.random.default_rng(3).uniform(-1, 1, (12, 3))
-KINEMATICS = Kinematics(PLACES, motor_angles, velocity_ratio, 1e-12, 1e-10)
+KINEMATICS = Kinematics(PLACES, DELTA.motor_angles, DELTA.velocity_ratio, 1e-12, 1e-10)
 
 
 def test_g_has_the_sign_of_the_volume_of_the_forearms(robot):
     for x in PLACES:
         g = singularity_measure(robot, linearised_at(robot, assemble(robot, x).q[None])).g[0]
         first = singularity_measure(robot, linearised_at(robot, robot.reference.q[None])).g[0]
-        assert g * first * np.linalg.det(forearms(x)) * np.linalg.det(forearms(robot.reference.x)) > 0
+        volumes = [np.linalg.det(DELTA.forearms(at)) for at in (x, robot.reference.x)]
+        assert g * first * np.prod(volumes) > 0
 
 
 def test_torques_of_the_mirrored_scene_are_those_of_the_other_legs(robot):

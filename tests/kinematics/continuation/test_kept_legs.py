@@ -59,7 +59,7 @@ def test_two_stretched_arms_of_a_delta_keep_their_sides(distance):
 
     apex = [0.3, 0.0, brentq(slack, -1.8, -1.2, xtol=1e-15)]
     poses = turn_back(robot, apex, [0.0, 0.0, 1.0], distance)
-    expected = np.array([delta_form.motor_angles(x) for x in poses.x])
+    expected = np.array([delta_form.DELTA.motor_angles(x) for x in poses.x])
     turns = robot.actuated_coordinates(poses.q) - expected
     # sqrt(distance) of the fold from a pose that rounding moves by 1e-15 m
     assert np.abs((turns + np.pi) % (2 * np.pi) - np.pi).max() < 1e-14 / np.sqrt(distance) + 1e-12
