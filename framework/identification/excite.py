@@ -31,10 +31,10 @@ from framework.identification.base_parameters import (
     gravity_scale,
     parameter_regressor,
 )
-from framework.identification.combinations import find_combinations
-from framework.identification.identify import Identification, IdentifiedQuantity, free_parameters, identify
+from framework.identification.identify import Identification, IdentifiedQuantity, identify
 from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
+from framework.identification.unknowns import choose_unknowns, is_determined
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_each, require_square
@@ -85,7 +85,7 @@ class Excitation(ReadOnlyArrays):
     Attributes:
         identification: of the simulated recording, by which the robot file's own values are the truth.
         tracking_error: largest distance of the simulated platform from the motion [robot lengths, rad].
-        improvement: geometric mean of the parameters' deviations before the search, over that after.
+        improvement: mean deviation of what is shown before the search, over that after.
     """
 
     robot: ParallelRobot
@@ -205,7 +205,7 @@ def excite(
         acceleration=acceleration,
         clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
     )
-    z, q, fall = _search(design, limits, trials, np.random.default_rng(seed), progress)
+    z, q, improvement = _search(design, limits, trials, np.random.default_rng(seed), progress)
     motion = _complete(design, limits, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
@@ -216,7 +216,7 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
-        improvement=float(np.exp(fall)),
+        improvement=improvement,
         trials=trials,
     )
 
@@ -244,7 +244,7 @@ class _Design:
 
     robot: ParallelRobot
     base: BaseParameters
-    columns: Array  # (r, k) derivatives of the base parameters by combinations of what is asked
+    columns: Array  # (r, k) derivatives of the base parameters by `Unknowns` that are asked for
     noise_share: float  # of the torques over their largest value, for one mean instant of the recording
     duration: float
     period: float
@@ -257,18 +257,13 @@ class _Design:
         require_square(robot)
         base = base_parameters(robot)
         links = collect_link_parameters(robot, base.described)
-        free = free_parameters(robot, base, links, only)
-        free = free[links.prior_sizes[free] > 0.0]  # a point mass stays one
-        sizes = links.prior_sizes[free]
-        by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (r, f)
-        leading = find_combinations(by_links, sizes).leading
         # the highest harmonic reaches the limit of the acceleration with a tenth of the robot's length
         highest = np.sqrt(acceleration / (0.1 * robot.length)) / (2.0 * np.pi)  # [Hz]
         periods = max(1, round(duration * highest / HARMONICS[-1]))
         return _Design(
             robot=robot,
             base=base,
-            columns=by_links[:, leading] * sizes[leading],
+            columns=choose_unknowns(base, links, only).design,
             noise_share=max(sensors.torque_noise, 1e-6) * np.sqrt(INSTANTS / (sensors.rate * duration)),
             duration=duration,
             period=duration / periods,
@@ -331,12 +326,14 @@ class _Design:
         angle = robot.gear_ratio * robot.actuated_coordinates(closed.q)
         return PeriodicMotion(times, closed.q, x, angle, speed, torque, dry, rows)
 
-    def cost(self, motion: PeriodicMotion) -> float:
-        """Compute the mean logarithm of the parameters' deviations over their sizes, at most 0."""
+    def shares(self, motion: PeriodicMotion) -> Array:
+        """Compute the deviations (m,) of base parameters by data and prior, over those by the prior alone."""
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
         W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
-        R = np.linalg.qr(np.concatenate([W, np.eye(W.shape[1])]), mode="r")
-        return float(np.mean(np.log(np.linalg.norm(np.linalg.inv(R), axis=1))))
+        R = np.linalg.qr(np.concatenate([W, np.eye(W.shape[1])]), mode="r")  # R'R is the information
+        by_prior = np.linalg.norm(self.columns, axis=1)
+        asked = by_prior > 0.0
+        return np.linalg.norm(self.columns[asked] @ np.linalg.inv(R), axis=1) / by_prior[asked]
 
 
 def _search(
@@ -348,7 +345,8 @@ def _search(
 ) -> tuple[Array, Array, float]:
     """Search the motion z (K, n) of least cost by an evolution strategy.
 
-    Return z, its poses q (INSTANTS, nq), and how far the cost fell.
+    The cost is the mean logarithm of the deviations of base parameters. Return z, its poses q (INSTANTS, nq),
+    and how many times smaller the deviations of what it shows are than those by the first motion.
     """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
@@ -362,27 +360,29 @@ def _search(
     z = np.zeros(shape)
     step = largest_step
     best: PeriodicMotion | str = ""
-    first = 0.1 * random.standard_normal(shape)
+    start = 0.1 * random.standard_normal(shape)
     for halving in range(24):
-        z = first * 0.5**halving
+        z = start * 0.5**halving
         best = design.evaluate(z, functions, guess, strict, times)
         if isinstance(best, PeriodicMotion):
             break
     if isinstance(best, str):
         raise NoAnswer(f"{robot.name}: no motion near the reference keeps the limits: however small, {best}")
-    cost = first_cost = design.cost(best)
+    first = shares = design.shares(best)
     for k in range(trials):
         progress(k + 1)
         child = z + step * random.standard_normal(shape)
         motion = design.evaluate(child, functions, best.q, strict, times)
-        if isinstance(motion, PeriodicMotion) and (lower := design.cost(motion)) < cost:
-            z, best, cost = child, motion, lower
+        lower = design.shares(motion) if isinstance(motion, PeriodicMotion) else shares
+        if isinstance(motion, PeriodicMotion) and np.log(lower).sum() < np.log(shares).sum():
+            z, best, shares = child, motion, lower
             step *= success
         else:
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-    return z, best.q, first_cost - cost
+    shown = is_determined(shares, np.ones(len(shares)))
+    return z, best.q, float(np.exp(np.mean(np.log(first[shown] / shares[shown])))) if shown.any() else 1.0
 
 
 def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:
