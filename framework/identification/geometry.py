@@ -470,6 +470,7 @@ class ParameterEquations(NamedTuple):
     loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
     joint_step: Array  # (T, k) [rad, m] steps of the joints at constant parameters
     joint_slopes: Array  # (T, k, p) further steps of the joints for unit steps of the parameters
+    per_instant: int  # equations of an instant that are left: eliminating a pose uses up one for each motor
 
 
 def eliminate_poses(
@@ -516,6 +517,7 @@ def eliminate_poses(
         joint_step=scale * (loops.closing_step - np.matvec(loops.free_motions, minus_z)),
         joint_slopes=scale[:, None]
         * (loops.joint_slopes @ to_dimensions - loops.free_motions @ minus_z_slope),
+        per_instant=len(measured.names) - model.n_a,
     )
 
 

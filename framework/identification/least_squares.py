@@ -54,6 +54,20 @@ class Estimate(NamedTuple):
     equations: int  # number of equations
 
 
+def posterior_root(rows: Array) -> Array:
+    """Compute S (k, k), where S S' is the covariance of k unknowns by rows (N, k) and a unit prior.
+
+    Rows with unit noise, U s V', and the prior have the information rows' rows + 1. Its inverse is S S' with
+    S = V / sqrt(1 + s^2).
+    """
+    k = rows.shape[1]
+    triangle = np.linalg.qr(
+        np.concatenate([rows, np.zeros((k, k))]), mode="r"
+    )  # (k, k) with the same s and V
+    _, s, V_rows = np.linalg.svd(triangle)
+    return V_rows.T / np.sqrt(1.0 + s**2)
+
+
 def estimate(
     rows: TorqueRows,
     design: Array,
@@ -62,8 +76,7 @@ def estimate(
 ) -> Estimate:
     """Estimate k unknowns with beta = start + design @ unknowns from the valid equations.
 
-    The data say root @ unknowns = right with unit noise. With root = U s V' their information and that of the
-    prior, root' root + 1, has the inverse S S' of S = V / sqrt(1 + s^2).
+    The data say root @ unknowns = right with unit noise, for which least squares with the prior is solved.
 
     Args:
         design: (r, k) derivatives of the base parameters beta.
@@ -124,8 +137,7 @@ def estimate(
         is_same = np.abs(size - size_before) <= same_noise * size_before
         if is_same.all() and np.linalg.norm(step.root @ step.parameters) < converged:
             break
-    _, s, V_rows = np.linalg.svd(step.root)
-    spread = V_rows.T / np.sqrt(1.0 + s**2)
+    spread = posterior_root(step.root)
     return Estimate(
         values=spread @ (spread.T @ (step.root.T @ right)),
         spread=spread,
