@@ -16,6 +16,7 @@ side. The robot file has these parameters too, those of the bodies split among t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, fromstring, tostring
 
@@ -207,6 +208,12 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
         NotConverged: the sets of instants have different ranks.
     """
     expect_robot(robot)
+    return _base_parameters(robot, massless)
+
+
+@lru_cache(maxsize=8)
+def _base_parameters(robot: ParallelRobot, massless: bool) -> BaseParameters:
+    """Compute the base parameters of a robot once."""
     described = torque_parameters(robot, massless=massless)
     random = np.random.default_rng(0)
     count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))  # instants of n rows each
