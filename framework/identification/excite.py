@@ -37,6 +37,7 @@ from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
 from framework.identification.unknowns import choose_unknowns, is_determined
 from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics, motors_are_free
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import (
@@ -392,6 +393,8 @@ def _simulate(robot: ParallelRobot, motion: PeriodicMotion, sensors: Sensors) ->
     from scipy.interpolate import make_interp_spline  # slow to import
 
     start = assemble(robot, motion.x[0]).q
+    if motors_are_free(robot):  # motors wait where the motion begins: another robot's platform is elsewhere
+        start = forward_kinematics(robot, motion.angle[0] / robot.gear_ratio, near=start).q
     frequency = 10.0 * np.sqrt(gravity_scale(robot) / robot.length)  # [rad/s] of the feedback
     control = MotorControl.of(motor_inertia(robot, start), frequency)
     planned = make_interp_spline(motion.times, motion.torque - motion.friction, k=5)
