@@ -56,14 +56,22 @@ def choose_unknowns(
     Raises:
         InvalidInput: an unknown name.
     """
-    change = np.zeros_like(links.prior_root)  # (u, u)
+    sizes = base.described.sizes  # (p,)
+    coefficients = base.combinations.coefficients  # (rank, p)
+    # bodies without mass have no link whose parameters could change, and typical sizes of this robot
+    massless = np.diag(sizes)[:, ~links.to_parameters.any(axis=1) & (not only)]  # (p, m)
+    change = np.zeros((len(links.values), len(links.values) + massless.shape[1]))  # (u, z)
     free = _free_parameters(base, links, only)
-    change[free] = prior * links.prior_root[free]
-    sizes = base.described.sizes[base.combinations.leading]
-    by_change = base.combinations.coefficients @ links.to_parameters @ change  # (rank, u)
-    U, s, V_rows = np.linalg.svd(by_change / sizes[:, None])
+    change[free, : len(links.values)] = prior * links.prior_root[free]
+    by_change = coefficients @ (links.to_parameters @ change)  # (rank, z)
+    by_change[:, len(links.values) :] = prior * coefficients @ massless
+    scale = sizes[base.combinations.leading, None]  # (rank, 1) makes the base parameters comparable
+    by_change /= scale
+    by_change[np.abs(by_change) <= EIGENVALUE_ROUNDING * np.abs(by_change).max(initial=0.0)] = 0.0
+    _, s, V_rows = np.linalg.svd(by_change)
     k = int(np.sum(s > EIGENVALUE_ROUNDING * s.max(initial=0.0)))
-    return Unknowns(sizes[:, None] * U[:, :k] * s[:k], change @ V_rows[:k].T, change @ V_rows[k:].T)
+    V = V_rows.T
+    return Unknowns(scale * (by_change @ V[:, :k]), shown=change @ V[:, :k], hidden=change @ V[:, k:])
 
 
 def _free_parameters(base: BaseParameters, links: LinkParameters, only: Sequence[str]) -> IntArray:

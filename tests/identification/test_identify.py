@@ -285,6 +285,17 @@ def test_what_one_stroke_shows_of_sums_is_not_lost(name):
     assert not {f"{link}.centre_z" for link in found.links.links} & alone  # across the plane
 
 
+@pytest.mark.slow
+def test_bodies_without_mass_in_the_file_are_found_on_demand():
+    """Rods of 1 kg that the file of the 5R does not have."""
+    true, theta = true_robot(NOMINAL["five_bar_heavy"])
+    found = identify(NOMINAL["five_bar"], record(true, exact_motors(true, "stroke"), 1), massless=True)
+    theirs = dict(zip(torque_parameters(true).names, theta, strict=True))
+    truth = found.base.combinations.coefficients @ [theirs.get(name, 0.0) for name in found.base.parameters]
+    assert (np.abs(found.values - truth) <= 4.0 * found.deviations).all()
+    assert found.determined[:2].all()
+
+
 def test_unequal_time_steps_are_taken_as_they_are():
     """A tenth of the rows is missing, and a gap of 140 ms: friction is found within its interval."""
     nominal, (true, values) = NOMINAL["five_bar_heavy"], TRUE["five_bar_heavy"]
