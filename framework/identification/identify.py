@@ -110,9 +110,8 @@ class Identification(ReadOnlyArrays):
 
     @property
     def undetermined(self) -> Names:
-        """Names of base parameters that data do not determine, or with deviations above their values."""
-        sizes = np.maximum(np.abs(self.values), np.abs(self.base.values))
-        return self._base_names(~self.determined | (self.deviations > sizes))
+        """Names of base parameters that the data do not determine."""
+        return self._base_names(~self.determined)
 
     @property
     def keeps_file(self) -> bool:
