@@ -12,9 +12,9 @@ carried body. The rest of the motors' torque is the error of that mapping,
 
 of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + G' dx) with the
 posture's own G nearly all: what is left are the cranks and rods, and springs and dampers on joints and
-between points. These have the torques N' f(q, dq), f the forces that hold them. Dry friction and backlash of the motors'
-joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with motors at rest
-the platform has the play |(dq_a/dx)^-1| (backlash of the joints) along each axis, at most.
+between points. These have the torques N' f(q, dq), f the forces that hold them. Dry friction and backlash of
+the motors' joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with
+motors at rest the platform has the play |(dq_a/dx)^-1| (backlash of the joints) along each axis, at most.
 """
 
 from __future__ import annotations
