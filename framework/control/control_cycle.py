@@ -53,11 +53,9 @@ from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 # before the step; the error of the pose is its square
 LAST_STEP = 1e-10
 # of a twist (v, w) (6,): twist @ TWIST_ROWS is the matrix (16,), by rows, of [[w x transposed, 0], [v, 0]]
-TWIST_ROWS = np.zeros((6, 4, 4))
-TWIST_ROWS[range(3), 3, range(3)] = 1.0
-TWIST_ROWS[[3, 4, 5], [1, 2, 0], [2, 0, 1]] = 1.0
-TWIST_ROWS[[3, 4, 5], [2, 0, 1], [1, 2, 0]] = -1.0
-TWIST_ROWS = TWIST_ROWS.reshape(6, 16)
+TWIST_ROWS = np.zeros((6, 16))
+TWIST_ROWS[range(6), [12, 13, 14, 6, 8, 1]] = 1.0  # v in the last row; and of w x transposed
+TWIST_ROWS[[3, 4, 5], [9, 2, 4]] = -1.0
 SECOND_DERIVATIVE = np.array([1.0, 2.0, 1.0])  # of a product, by the rule of Leibniz
 # T + (T - last) / 2 + 5/12 (T - 2 last + former), the mean tangent of equal steps to third order
 ADAMS_BASHFORTH = np.array([23.0, -16.0, 5.0]) / 12.0
@@ -92,7 +90,7 @@ class ControlCycle:
         start = start_pose(robot, near)
         self.robot = robot
         self._equations = SinglePose(robot)
-        self._data = robot.model.createData()
+        self._data = self._equations.model.createData()
         self._has_springs = bool(robot.joint_stiffness.any() or robot.line_springs.names)
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
@@ -375,7 +373,7 @@ class ControlCycle:
         The generalised forces of the open tree are projected by T', which eliminates the loop forces.
         """
         robot = self.robot
-        force = pin.rnea(robot.model, self._data, self.q, self.v, a)
+        force = pin.rnea(self._equations.model, self._data, self.q, self.v, a)
         if robot.is_damped:
             force = force + damping_forces(robot, self.q[None], self.v[None])[0]
         if self._has_springs:
@@ -397,7 +395,8 @@ class SinglePose:
     def __init__(self, robot: ParallelRobot) -> None:
         """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
         rows = robot.spanning_loops
-        scratch = Scratch.of(robot.model, robot.frames)
+        self.model = robot.model.copy()  # pinocchio writes beyond `scratch` once a caller adds frames
+        scratch = Scratch.of(self.model, robot.frames)
         count = len(rows.names)
         frames = len(scratch.frames)
         self.robot = robot
@@ -424,7 +423,7 @@ class SinglePose:
 
     def evaluate_residual(self, q: Array) -> None:
         """Compute the residual (m,) at q (nq,)."""
-        pin.framesForwardKinematics(self.robot.model, self.scratch.data, q)
+        pin.framesForwardKinematics(self.model, self.scratch.data, q)
         self._update_frames()
         self._update_residual(q)
 
@@ -435,8 +434,8 @@ class SinglePose:
         frame's origin, or for a rotation the couple b x a.
         """
         wrench = self._wrench
-        pin.computeJointJacobians(self.robot.model, self.scratch.data, q)
-        pin.updateFramePlacements(self.robot.model, self.scratch.data)
+        pin.computeJointJacobians(self.model, self.scratch.data, q)
+        pin.updateFramePlacements(self.model, self.scratch.data)
         self._update_frames()
         a, arms = self._update_residual(q)  # (m, 3) each
         np.multiply(self._force_weight, a, out=wrench[:, :3])
@@ -454,8 +453,8 @@ class SinglePose:
         (c', 0) = (c, 1) [[w x transposed, 0], [u, 0]].
         """
         scratch = self.scratch
-        pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, self._no_acceleration)
-        pin.updateFramePlacements(self.robot.model, scratch.data)
+        pin.computeForwardKinematicsDerivatives(self.model, scratch.data, q, v, self._no_acceleration)
+        pin.updateFramePlacements(self.model, scratch.data)
         self._update_frames()
         # (2, F, 6) twists of the frames' bodies, and their rates without joint accelerations
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)

@@ -75,14 +75,19 @@ def scratch_of(mechanism: Mechanism) -> Scratch:
     """Return the working memory of this thread, which every call of pinocchio overwrites.
 
     Allocating a `pin.Data` takes longer than a hundred calls with it (7.7 ms for 81 joints). The memory
-    belongs to the model, so a mechanism and the robot made of it share the same memory.
+    belongs to the model, so a mechanism and the robot made of it share the same memory. A model to which a
+    caller has added frames or joints gets new memory: pinocchio writes beyond the old one.
     """
-    return _thread_scratch(mechanism.model, mechanism.frames, threading.get_ident())
+    model = mechanism.model
+    sizes = model.nframes, model.njoints
+    return _thread_scratch(model, mechanism.frames, sizes, threading.get_ident())
 
 
 @lru_cache(maxsize=16)  # of several megabytes each
-def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
-    """Allocate working memory; the `thread` makes the cache return one to each thread."""
+def _thread_scratch(
+    model: pin.Model, frames: tuple[int, ...], sizes: tuple[int, int], thread: int
+) -> Scratch:
+    """Allocate working memory, one for each `thread`, and anew if the `sizes` of the model change."""
     return Scratch.of(model, frames)
 
 

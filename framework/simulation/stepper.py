@@ -433,8 +433,11 @@ def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
 
 
 def _structure(robot: ParallelRobot) -> list[Any]:
-    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows."""
-    joints = [list(robot.model.names), robot.model.nv]
+    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows.
+
+    Pinocchio computes all of them in the memory of one, and does not check its sizes.
+    """
+    joints = [list(robot.model.names), robot.model.nv, robot.model.nframes]
     index_sets = [robot.actuated, robot.elastic, robot.frames, robot.line_springs.first]
     loop_rows = [getattr(robot.spanning_loops, field.name) for field in fields(robot.spanning_loops)]
     return joints + index_sets + loop_rows
