@@ -94,7 +94,7 @@ class ControlCycle:
         self._has_springs = bool(robot.joint_stiffness.any() or robot.line_springs.names)
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
-        self._factorise, self._invert = lapack.dgetrf, lapack.dgetri
+        self._factorise, self._invert, self._norm = lapack.dgetrf, lapack.dgetri, lapack.dlange
         self._actuated, self._following = robot.actuated, robot.following
         self._pivot_order = np.arange(len(robot.following))
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
@@ -202,8 +202,7 @@ class ControlCycle:
         lies in [sigma / sqrt(n_p), sigma sqrt(n_p)]. It is never negative, as the cycle stays in its assembly
         mode, and infinite without passive joints.
         """
-        norm = float(np.abs(self._inverse).sum(axis=0).max(initial=0.0))
-        return 1.0 / norm if norm else np.inf
+        return 1.0 / self._inverse_norm if self._inverse_norm else np.inf
 
     @property
     def type1(self) -> float:
@@ -235,14 +234,15 @@ class ControlCycle:
         if len(P):
             factors, pivots, first_zero = self._factorise(P)
             if first_zero:  # P is singular
-                self._inverse = np.full_like(P, np.inf)  # so that `type2` is 0
+                self._inverse_norm = np.inf
                 return np.inf
-            self._inverse, _ = self._invert(factors, pivots)
+            inverse, _ = self._invert(factors, pivots)
+            self._inverse_norm = self._norm("1", inverse)
             swaps = np.count_nonzero(pivots != self._pivot_order)
             self._determinant = math.prod(factors.diagonal().tolist()) * (-1.0) ** swaps
         else:  # the motors are all joints
-            self._inverse, self._determinant = P, 1.0
-        self._solver = self._inverse * self._solver_scale
+            inverse, self._inverse_norm, self._determinant = P, 0.0, 1.0
+        self._solver = inverse * self._solver_scale
         solution = self._solver @ table.take(self._right_sides, axis=1)  # (n_p, 1 + n_a) dq_p, T_p
         step = solution[:, 0]
         self._step[self._following] = step
