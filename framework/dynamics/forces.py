@@ -35,7 +35,7 @@ from framework.kinematics.line_springs import Lines, lines_at
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, MotionChanges, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, mirror_upper
 from framework.numerics.ordered_sums import matvec, solve
 
 
@@ -143,8 +143,7 @@ def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
     upper = np.empty((len(q), model.nv, model.nv))
     for k in range(len(q)):
         upper[k] = pin.crba(model, data, q[k])
-    upper = np.triu(upper)  # pinocchio fills the upper triangle only
-    return upper + np.triu(upper, 1).swapaxes(1, 2)
+    return mirror_upper(upper)
 
 
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
