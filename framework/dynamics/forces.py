@@ -339,7 +339,7 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 
 
 def driven_force_changes(
-    robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
+    robot: ParallelRobot, motion: Motion, r: Array, joint_torque: Array, changes: MotionChanges
 ) -> Array:
     """Compute d(r - J' lambda + rotors + springs) (3, T, k, nv) for k steps.
 
@@ -347,10 +347,10 @@ def driven_force_changes(
 
     Args:
         motion: the motion about which forces are linearised.
+        r: its `tree_forces` (T, nv).
         joint_torque: torques (T, n_a) of the motors, joint side; they determine the loop forces lambda.
         changes: changes of q, v and a by unit steps of k coordinates.
     """
-    r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)
     changed += robot.rotors * changes.accelerations
