@@ -105,11 +105,12 @@ def test_rows_and_their_derivatives_are_those_of_the_closed_form(kind):
     curvature = loop_curvature(robot, robot.rows, frames, multipliers[None])[0]
     np.testing.assert_allclose(v @ curvature @ v, multipliers @ drift, rtol=1e-12)
     single = SinglePose(robot)
+    rows = [robot.rows.names.index(name) for name in single.rows.names]
     single.evaluate_pose(q)
-    np.testing.assert_allclose(single.residual, loops.residual[0], atol=1e-15)
-    np.testing.assert_allclose(single.jacobian, loops.jacobian[0], atol=1e-15)
+    np.testing.assert_allclose(single.residual, loops.residual[0, rows], atol=1e-15)
+    np.testing.assert_allclose(single.jacobian, loops.jacobian[0, rows], atol=1e-15)
     single.evaluate_motion(q, v)
-    np.testing.assert_allclose(single.drift(q, v), drift, atol=1e-13)
+    np.testing.assert_allclose(single.drift(q, v), drift[rows], atol=1e-13)
 
 
 @KINDS
