@@ -13,7 +13,8 @@ from framework.kinematics.diagnostics.regular_reference import regular_reference
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import ParsedRobot, RobotDescription
+from framework.model.description import RobotDescription
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 

@@ -55,7 +55,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from framework.errors import RobotFileError, check_name
-from framework.model.description import ParsedRobot, locked_axes
+from framework.model.description import locked_axes
 from framework.model.documents import (
     attribute,
     check_parts,
@@ -79,7 +79,8 @@ from framework.model.readers.sdf_scope import (
     add_content,
     drop_detached,
 )
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import UrdfTree, read_urdf_tree
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
 from framework.numerics.input import read_text
@@ -240,24 +241,24 @@ def read_urdf(
         RobotFileError: the file is malformed or has no loop; the message names the element.
     """
     beside = _find_loop_closures(file) if beside is None else beside
-    independent = [  # before UrdfTree removes the attribute
+    independent = [
         joint.get("name", "")
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in TRUE_TEXTS
     ]
-    tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
+    tree, elements = read_urdf_tree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
     of_plugins = [element.text or "" for element in root.iter("joint_name")]  # of Gazebo's controllers
     named_by_plugins = [name for name in dict.fromkeys(of_plugins) if name in tree.movable]
     tree.likely_motors = [*independent, *beside_independent] or named_by_plugins
 
     dialect = ""
-    for element in tree.extra:
+    for element in elements:
         if element.tag in _ELEMENTS:
             dialect_of_element, read = _ELEMENTS[element.tag]
             read(tree, element)
             dialect = dialect or dialect_of_element
-    _close_joints_of_other_programs(tree)
+    _close_joints_of_other_programs(tree, elements)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
     tree.add_two_joint_transmissions()
@@ -295,8 +296,8 @@ def _close_named_frames(tree: UrdfTree) -> bool:
     return bool(pairs)
 
 
-def _close_joints_of_other_programs(tree: UrdfTree) -> None:
-    """Close the loops of Gazebo's joints and Drake's constraints.
+def _close_joints_of_other_programs(tree: UrdfTree, elements: Sequence[Element]) -> None:
+    """Close the loops of Gazebo's joints, and of Drake's constraints among the dialect's `elements`.
 
     They are read as the content of an SDF model, whose links have the poses at zero joint positions.
     """
@@ -304,10 +305,11 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
     for link in tree.links:
         scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
-    model = Element("model", name=tree.root.get("name", ""))
-    model.extend(tree.root.findall("gazebo/joint[child]"))
-    model.extend(tree.root.findall("gazebo/plugin[child_link]"))
-    model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
+    model = Element("model", name=tree.name)
+    gazebo = [element for element in tree.others if element.tag == "gazebo"]
+    model.extend(joint for element in gazebo for joint in element.findall("joint[child]"))
+    model.extend(plugin for element in gazebo for plugin in element.findall("plugin[child_link]"))
+    model.extend(element for element in elements if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
     drop_detached(scope)
     for name in scope.joints:

@@ -412,7 +412,7 @@ def test_limits_without_a_size_are_none(tmp_path, size):
     text = five_bar().replace(axis(), axis(limit), 1)
     (tmp_path / "robot.sdf").write_text(text)
     described = parse_any(tmp_path / "robot.sdf", propose=propose)
-    assert described.urdf.find("joint[@name='left_motor']").get("type") == "continuous"
+    assert described.tree.joints["left_motor"].kind == "continuous"
     (tmp_path / "robot.sdf").write_text(text.replace(f"-{size}", "-0.5"))
-    limit = parse_any(tmp_path / "robot.sdf", propose=propose).urdf.find("joint[@name='left_motor']/limit")
-    assert (float(limit.get("lower")), float(limit.get("upper"))) == (-0.5, 1e9)
+    described = parse_any(tmp_path / "robot.sdf", propose=propose)
+    assert described.tree.joints["left_motor"].limits == (-0.5, 1e9)

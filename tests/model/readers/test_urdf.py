@@ -456,7 +456,7 @@ def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, i
         return
     parsed = read(tmp_path, text, motors=["ja"])
     assert any("repaired in their last digit" in remark for remark in parsed.remarks) == bool(is_repaired)
-    inertia = parsed.urdf.find("link[@name='a']/inertial/inertia")
+    inertia = parsed.tree.links["a"].find("inertial/inertia")
     found = [float(inertia.get(key)) for key in ("ixx", "iyy", "izz")]
     assert found[2] <= (found[0] + found[1]) * (1 + 1e-12)
     for value, moment in zip(found, moments, strict=True):
@@ -592,7 +592,11 @@ def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
         (tmp_path / "here" / "meshes" / f"{name}.stl").write_text("solid")
     parsed = read(tmp_path, text, packages=[f"no_such_arm={tmp_path / 'here'}"])
     assert not [remark for remark in parsed.remarks if "mesh" in remark]
-    assert all(Path(mesh.get("filename")).is_file() for mesh in parsed.urdf.iter("mesh"))
+    assert all(
+        Path(mesh.get("filename")).is_file()
+        for link in parsed.tree.links.values()
+        for mesh in link.iter("mesh")
+    )
     with pytest.raises(RobotFileError, match="--package: needs NAME=FOLDER with a folder that exists"):
         read(tmp_path, text, packages=["no_such_arm=/no/such/folder"])
 
