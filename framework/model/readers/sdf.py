@@ -76,6 +76,7 @@ _MOTIONS_OF_KIND = {
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
     "screw": (("", "continuous", "axis"), ("_slide", "prismatic", "slide")),
 }
+_SUFFIXES = {"axis": "", "axis2": "_2"}  # of the name of the motion about each axis
 _UNREAD_TYPES = ("gearbox",)  # types of joints
 # elements without an effect on the motion
 _UNUSED_TAGS = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
@@ -151,7 +152,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     tree.remarks += [missing] * bool(scope.unread)
     for joint in joints:
         if joint.name in tree_names:
-            tree.couplings += _read_couplings(joint, tree_names)
+            tree.couplings += _read_couplings(joint, tree.movable)
             tree.dynamics |= joint.dynamics
         else:
             _close_cut_joint(tree, joint)
@@ -283,24 +284,28 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
 
 
 def _has_property(joint: Element, *properties: str) -> bool:
-    """Return whether the first axis of a joint has a child with a tag in `properties`."""
-    return any(joint.find(f"axis/{tag}") is not None for tag in properties)
+    """Return whether an axis of a joint has a child with a tag in `properties`."""
+    return any(joint.find(f"{axis}/{tag}") is not None for axis in _SUFFIXES for tag in properties)
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
     """Yield the coupling of a mimic joint, and the coupling of a screw's slide to its hinge.
 
-    `names` are those of the joints that a mimic may follow.
+    `names` are those of the motions that a mimic may follow.
     """
     where = f"joint {joint.name!r}"
     element = joint.element
-    for mimic in element.findall("axis/mimic"):
-        leader = element.get("scope", "") + mimic.get("joint", "")
+    mimics = [
+        (suffix, mimic) for tag, suffix in _SUFFIXES.items() for mimic in element.findall(f"{tag}/mimic")
+    ]
+    for suffix, mimic in mimics:
+        leader = f"{element.get('scope', '')}{mimic.get('joint', '')}"
+        leader += _SUFFIXES.get(mimic.get("axis", "axis"), "")
         check_name(f"{where}: <mimic>", "joint", leader, names)
         # q = multiplier (q_leader - reference) + offset
         defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
         ratio, offset, reference = _read_values(mimic, f"{where}: <mimic>", defaults)
-        yield Coupling(joint.name, leader, ratio, offset - ratio * reference)
+        yield Coupling(f"{joint.name}{suffix}", leader, ratio, offset - ratio * reference)
     if joint.kind == "screw":
         pitch, old_pitch = _read_values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
         lead = pitch / (2.0 * np.pi)  # [m/rad] of the slide; screw_thread_pitch is in [m] per turn

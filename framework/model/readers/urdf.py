@@ -30,6 +30,9 @@ Isaac Sim. The order in the document decides which link is the first; the second
       <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
     </loop_joint>
 
+Exporters from Fusion 360 write `<loop_joint>` with the ends of `<constraint>`, `<parent>` and `<child>`, and
+one `<axis frame="parent">` in the parent link.
+
 Also read are
 
 - Drake's `<drake:ball_constraint>`, Gazebo's SDF joints `<gazebo><joint>`, and `<mimic>`;
@@ -125,7 +128,9 @@ def _element_name(element: Element) -> tuple[str, str]:
 def _read_loop(tree: UrdfTree, element: Element) -> None:
     """Read a loop element and add its closure to the tree."""
     syntax = _LOOP_SYNTAX[element.tag]
-    if element.tag == "loop_joint":  # both ends may be called link1
+    if element.find("parent") is not None:
+        syntax = syntax._replace(ends=("parent", "child"))
+    elif element.tag == "loop_joint":  # both ends may be called link1
         ends_in_order = [end for end in element if end.tag in syntax.ends]
         for tag, end in zip(syntax.ends, ends_in_order, strict=False):
             end.tag = tag
@@ -137,6 +142,10 @@ def _read_loop(tree: UrdfTree, element: Element) -> None:
     kind = syntax.kinds[written]
     axes = _read_axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_read_end(tree, element, where, end)) for end in syntax.ends]
+    if axes and element.find("axis[@frame='parent']") is not None:
+        # on the axes of the first link, at zero joint positions
+        in_base = tree.zero_pose(ends[0][1])[:3, :3] @ axes[0]
+        axes = [(tree.zero_pose(link) @ origin)[:3, :3].T @ in_base for _, link, origin in ends]
     tree.close(name, locked_axes(kind), ends, axes)
 
 

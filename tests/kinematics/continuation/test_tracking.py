@@ -102,7 +102,5 @@ def test_a_path_of_other_coordinates_is_refused():
 
 
 def test_turns_in_degrees_are_told_at_once():
-    with pytest.raises(
-        InvalidInput, match=r"turns rz by 260 rad, 41\.4 turns; .* points are in rad"
-    ):
+    with pytest.raises(InvalidInput, match=r"turns rz by 260 rad, 41\.4 turns; .* points are in rad"):
         track_path(robots.load("four_bar"), Line([80.0], [-180.0]))
