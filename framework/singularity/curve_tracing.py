@@ -245,7 +245,7 @@ def trace_curve(
 ) -> Curve:
     """Trace the curve through a start (S = 1), in both directions in one stack.
 
-    Each step aims at a turn of the tangent by `turn_share` of MAX_TANGENT_TURN, and is halved if it fails.
+    Each step aims at a turn of the tangent by `turn_share` of MAX_TANGENT_TURN; one that fails is quartered.
 
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
@@ -267,7 +267,7 @@ def trace_curve(
         is_inside = inside(ahead.q)
         for row, k in enumerate(live):
             if not arrives[row]:
-                step[k] *= 0.5
+                step[k] *= 0.25
                 ends[k] = "stalled" if step[k] < MIN_STEP else ""
                 continue
             next_point = ahead.single(row)
