@@ -345,7 +345,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool 
     reason = ADVANCES if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
-        least_degree = 2 * request.smoothness + 1 + 3 * len(to_cross.crossing_points)
+        least_degree = request.ends.least_degree(request.smoothness, len(to_cross.crossing_points))
         if plan.law.degree > least_degree:
             reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
         if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
