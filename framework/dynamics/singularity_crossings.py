@@ -151,8 +151,10 @@ def find_crossed_points(
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
-            f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
-            f"{singular.s:.6g}: no law can rest on the locus; shift the path's end or the law"
+            f"the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
+            f"{singular.s:.6g}: no law can rest on the locus",
+            clauses=("shift the path's end or the law",),
+            name=branch.robot.name,
         )
     return crossed
 
@@ -231,7 +233,7 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
             robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}"
         )
     if singular.kind != "type_2":
-        raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
+        raise NoLaw(f"at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}", name=robot.name)
 
 
 def probe_instants(t: float, duration: float) -> list[float]:
@@ -302,9 +304,10 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
         return
     unit = "N" if np.any(worst.twist[robot.translations]) else "N m"
     raise UnboundedTorque(
-        f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
+        f"unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
         f"{robot.place(worst.platform)}: a Type 2 singularity with "
         f"t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
+        name=robot.name,
         time=worst.time,
         s=worst.s,
         platform=worst.platform,
@@ -328,6 +331,7 @@ def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamic
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):
             raise NoLaw(
-                f"{robot.name}: the deflected robot meets a Type 2 singularity between t = "
-                f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not"
+                f"the deflected robot meets a Type 2 singularity between t = "
+                f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not",
+                name=robot.name,
             )

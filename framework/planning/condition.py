@@ -114,16 +114,18 @@ def require_effect(
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
     axes, x = ", ".join(robot.axis_names), point(branch.path(crossing.s))
-    where = f"{robot.name}: at s = {crossing.s:.6g}, {axes} = {x}"
+    where = f"at s = {crossing.s:.6g}, {axes} = {x}"
     if deflected and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
             f"runs orthogonal to t_s",
+            name=robot.name,
             residual=0.0,  # no iteration failed: the pose is exact, and alpha is 0
         )
     raise NoLaw(
-        f'{where} the path runs orthogonal to t_s: s" has no effect on t_s . W_p there; cross in another '
-        f"direction"
+        f'{where} the path runs orthogonal to t_s: s" has no effect on t_s . W_p there',
+        name=robot.name,
+        clauses=("cross in another direction",),
     )
 
 

@@ -125,8 +125,9 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     alpha, beta, gamma, _delta = coefficients_at(branch, singular, deflection=None)
     unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
     raise NoLaw(
-        f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; no law can "
-        f"rest on the locus: move the path's end",
+        f"at s = {singular.s:.6g} the path {end} on a Type 2 singularity",
+        clauses=("no law can rest on the locus: move the path's end",),
+        name=branch.robot.name,
         # at rest condition (8) is gamma = 0; if it is met by chance, the refusal has no proof
         proof=unmet if gamma else None,
     )
@@ -149,15 +150,20 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
     for singular in points:
         if singular.is_imposed:
             continue
-        where = f"{robot.name}: at s = {singular.s:.6g}"
+        where = f"at s = {singular.s:.6g}"
         if singular.corank > 1:
             raise NoLaw(
                 f"{where} {singular.corank} motions are uncontrolled at once, each with a condition (8) of "
-                f"its own, and the polynomial meets one, the optimal law each"
+                f"its own, and the polynomial meets one, the optimal law each",
+                name=robot.name,
             )
         if singular.contact == "tangential":
             raise NoLaw(
-                f"{where} the path touches the locus without crossing it; finite torques ask for condition "
-                f"(8) and its time derivative at once, and the polynomial meets the first, the optimal law "
-                f"both; or move the path off the locus or across it"
+                f"{where} the path touches the locus without crossing it",
+                name=robot.name,
+                clauses=(
+                    "finite torques ask for condition (8) and its time derivative at once, and the "
+                    "polynomial meets the first, the optimal law both",
+                    "or move the path off the locus or across it",
+                ),
             )

@@ -97,8 +97,9 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
             last_size = size
     worst = start.s[np.argmax(np.nan_to_num(np.abs(step), nan=np.inf))]
     raise NoLaw(
-        f"{robot.name}: the deflected robot has no singular point near s = {worst:.6g}; the deflections are "
-        f"too large for the path to cross the locus there"
+        f"the deflected robot has no singular point near s = {worst:.6g}",
+        clauses=("the deflections are too large for the path to cross the locus there",),
+        name=robot.name,
     )
 
 

@@ -193,7 +193,7 @@ def _find_balanced_law(
         miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
-    raise NotConverged(f"{name}: the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
+    raise NotConverged(f"the polynomial misses the crossings by {miss:.2g} in s", name=name, residual=miss)
 
 
 def _balance_accelerations(
@@ -318,7 +318,7 @@ def _solve_law(
             f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
         )
         if request.times is None:
-            raise NoLaw(f"{name}: {why}") from None
+            raise NoLaw(why, name=name) from None
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
@@ -370,8 +370,7 @@ def undeformed_polynomial(
             raise
         raised = _raise_degree(crossings, request)
         if raised is None:
-            refusal.args = (f"{refusal}; nor was one of degree {RAISED_DEGREES[-1]} found",)
-            raise
+            raise refusal.adding(f"nor was one of degree {RAISED_DEGREES[-1]} found") from None
         return raised
 
 
@@ -444,9 +443,10 @@ def choose_timing(
         return _crossing_times(starts[comfortable[0]])
     if len(s) > MAX_CROSSINGS or not searched:
         raise NoLaw(
-            f"{name}: the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
-            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean; no others are searched: cut the path, "
-            f"take law optimal, or give all times and speeds"
+            f"the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
+            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean",
+            name=name,
+            clauses=("no others are searched: cut the path, take law optimal, or give all times and speeds",),
         )
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
@@ -455,11 +455,12 @@ def choose_timing(
     if score <= 0:
         or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
         raise NoLaw(
-            f"{name}: no law that always advances found through s = "
+            f"no law that always advances found through s = "
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
             f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
-            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another "
-            f"duration{or_optimal}"
+            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s",
+            name=name,
+            clauses=(f"give other times, speeds or another duration{or_optimal}",),
         )
     return timing
 

@@ -251,7 +251,6 @@ class SearchEvidence(NamedTuple):
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
     start_speed: the derivatives of s at a slower start from which a law was found within the limits.
-    reason: what was not found, in words; empty where the refusal gives no numbers.
     """
 
     cells: int
@@ -260,10 +259,9 @@ class SearchEvidence(NamedTuple):
     limits: dict[str, Array] | None = None
     duration: float | None = None
     start_speed: tuple[float, ...] | None = None
-    reason: str = ""
 
     @property
-    def sentence(self) -> str:
+    def clauses(self) -> tuple[str, ...]:
         """The numbers of the search, in words."""
         parts = []
         least = self.least
@@ -283,12 +281,7 @@ class SearchEvidence(NamedTuple):
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         if self.start_speed is not None:
             parts.append(f"a law was found within the limits from s' = {self.start_speed[0]:g} 1/s")
-        return "; ".join([*parts, f"searched on {self.cells} cells"])
-
-
-def describe_search(robot: ParallelRobot, evidence: SearchEvidence) -> str:
-    """Return the refusal of a search, with its numbers."""
-    return f"{robot.name}: {evidence.reason}: {evidence.sentence}"
+        return *parts, f"searched on {self.cells} cells"
 
 
 def _ratio_text(ratio: float | None) -> str:
@@ -338,7 +331,11 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     """
     fault = _find_fault(law, s)
     if fault:
-        raise NoLaw(f"{name}: the law does not always advance: it {fault}; choose other times or speeds")
+        raise NoLaw(
+            f"the law does not always advance: it {fault}",
+            name=name,
+            clauses=("choose other times or speeds",),
+        )
 
 
 def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:

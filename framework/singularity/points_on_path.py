@@ -250,8 +250,9 @@ def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> N
     x = branch.path(s)
     joint = weakest_leg(robot, type1.linearise_guesses(np.array([s])))
     raise Type1Singularity(
-        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, {robot.place(x)}: the leg of "
+        f"the path meets a Type 1 singularity at s = {s:.6g}, {robot.place(x)}: the leg of "
         f"{joint} is stretched or folded there",
+        name=robot.name,
         s=s,
         platform=x,
         joint=joint,
