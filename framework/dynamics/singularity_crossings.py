@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, edges_of, law_derivatives
 from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, freeze
 from framework.numerics.chebyshev import TimeGrid, real_roots
 from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
@@ -193,10 +194,11 @@ def measure_crossings(
         at_points: (k, nv) forces r of the open tree at the crossed points.
         along: (M, nv) forces r along the motion, for the size of their terms.
     """
+    motion = zip(*law_derivatives(law, np.array([t for t, _ in crossed])), strict=True)
     # the scale of eta . r is the largest sum of sizes of its terms along the motion, or that of inertia
     inertial_force = robot.mass * robot.length / law.duration**2
     crossings = []
-    for (t, singular), r in zip(crossed, at_points, strict=True):
+    for (t, singular), (_s, speed, acceleration), r in zip(crossed, motion, at_points, strict=True):
         eta = singular.motion[None]  # (corank, nv) joint rates of the uncontrolled motions
         if singular.corank > 1:
             eta = uncontrolled_space(robot, singular.pose, at_least=singular.corank).motions
@@ -207,11 +209,10 @@ def measure_crossings(
         worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
         crossings.append(
             SingularityCrossing(
+                **vars(singular),
                 time=t,
-                s=singular.s,
-                platform=singular.platform,
-                twist=singular.twist,
-                kind=singular.kind,
+                speed=float(speed),
+                acceleration=float(acceleration),
                 wrench=float(wrench[worst]),
                 scale=float(scale[worst]),
             )
@@ -280,15 +281,20 @@ def deformed_crossing(
     motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
-    wrench = float(r[0] @ uncontrolled.motion) * sign
-    return SingularityCrossing(
+    s, speed, acceleration = law_derivatives(result.law, np.array([t]))
+    freeze(motion.linearised)
+    return replace(
+        at_rest,
         time=float(t),
-        s=float(result.law(np.array([t]))[0]),
-        platform=result.platform(t),
-        twist=sign * uncontrolled.twist,
+        s=float(s[0]),
+        speed=float(speed[0]),
+        acceleration=float(acceleration[0]),
         kind=uncontrolled.kind,
-        wrench=wrench,
-        scale=at_rest.scale,
+        twist=sign * uncontrolled.twist,
+        platform=result.platform(t),
+        motion=sign * uncontrolled.motion,
+        pose=motion.linearised,
+        wrench=float(r[0] @ uncontrolled.motion) * sign,
     )
 
 

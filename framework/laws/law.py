@@ -310,7 +310,6 @@ class Law(ReadOnlyArrays, PlannedLaw):
             high: given coefficients of the degrees that the conditions leave open.
             ends: derivatives at ends in motion.
         """
-        check_duration(duration)
         start, goal = ends.derivatives(smoothness)
         at_ends = conditions_at_instants((0.0, duration), ([0.0, *start], [1.0, *goal]))
         return Law.from_conditions([*at_ends, *inner], duration, high)

@@ -4,7 +4,7 @@ The singular points are those of Type 2 on the path, where the measure g vanishe
 least, but not zero. Condition (8) on s' and s" keeps the torques finite there (`condition`).
 
 There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses between them. A third
-kind would need a `PlannedLaw`, a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in
+kind would need a `PlannedLaw`, a function like `plan_polynomial`, a name in `options.LAWS`, and a reader in
 `saved`.
 """
 
@@ -148,23 +148,24 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
 
+    may_be_optimal = request.may_be_optimal
     # polynomials through several points seldom advance, and to search for one takes longer than a free law
     is_searched = (
         len(to_cross.crossing_points) < FREE_LAW_CROSSINGS
         or to_cross.branch.robot.n_e > 0
-        or not request.may_be_optimal
+        or not may_be_optimal
     )
     try:
-        plan = _plan_polynomial(to_cross, request, searched=is_searched)
+        plan = plan_polynomial(to_cross, request, searched=is_searched)
     except (NoLaw, NotConverged) as refusal:
-        if not request.may_be_optimal:
+        if not may_be_optimal:
             raise
         return _plan_after_refusal(to_cross, request, refusal, is_searched=is_searched)
 
     excess = _limit_ratio(plan)
     if excess > 1.0:
         needs = f"the polynomial needs {excess:.4g} times the limits"
-        if request.may_be_optimal:
+        if may_be_optimal:
             return _plan_optimal(to_cross, request, needs)
         raise NoLaw(
             f"{needs}{_drives_text(plan)}",
@@ -173,7 +174,7 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
                 "rms_torque_limit none that of RMS torques",
             ),
         )
-    if not request.may_be_optimal or request.speeds is not None or request.times is not None:
+    if not may_be_optimal or request.speeds is not None or request.times is not None:
         return plan
     return _improve_polynomial(to_cross, plan)
 
@@ -245,7 +246,7 @@ def _plan_polynomial_within_limits(
     if request.duration is None:
         raise refusal
     try:
-        plan = _plan_polynomial(to_cross, request)
+        plan = plan_polynomial(to_cross, request)
     except NoAnswer:
         raise refusal from None
     if _limit_ratio(plan) > 1.0:
@@ -324,28 +325,6 @@ def _peak_text(plan: CrossingPlan) -> str:
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
-def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
-    """Plan with the polynomial law; the plan states the reason for this choice.
-
-    Args:
-        searched: whether open times and speeds are searched if none of the first ones will do.
-
-    Raises:
-        InvalidInput, NoAnswer: as `plan_crossing`.
-    """
-    plan = plan_polynomial(to_cross, request, searched=searched)
-    speed_ratio = plan.law.least_speed_ratio(request.smoothness, request.ends)
-    reason = "the polynomial advances" if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
-    if request.kind == "polynomial":
-        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
-        least_degree = 2 * request.smoothness + 1 + 3 * len(to_cross.crossing_points)
-        if plan.law.degree > least_degree:
-            reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
-        if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
-            reason += f"; it nearly stops, at {speed_ratio:.2g} of its mean speed"
-    return replace(plan, reason=reason)
-
-
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
     """Plan with the optimal law.
 
@@ -397,7 +376,10 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
         InvalidInput, NoAnswer: as `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
-    law, _timing, _high = undeformed_polynomial(to_cross, request)
+    try:
+        law, _timing, _high = undeformed_polynomial(to_cross, request)
+    except NoLaw as refusal:
+        raise refusal.naming(searched.branch.robot.name) from None
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)
 
 

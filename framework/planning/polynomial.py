@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.inverse_dynamics import choose_failure, resolve
 from framework.dynamics.restoration import solve_balance
-from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
@@ -26,7 +24,7 @@ from framework.numerics.chebyshev import TimeFunction
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
-from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
+from framework.planning.crossing_tracker import CrossingTracker
 from framework.planning.options import OPTIMAL_LAW
 from framework.planning.refusals import check_advance
 from framework.planning.request import Request, share_load
@@ -78,7 +76,7 @@ def plan_polynomial(
             first_failure = first_failure or failure
         raised = None
         if request.times:
-            raised = _raise_degree(_undeformed_crossings(to_cross), request, above=law.degree)
+            raised = _raise_degree(to_cross.crossing_points, request, above=law.degree)
         if raised is None:
             raise first_failure
         law, timing, high = raised
@@ -108,7 +106,6 @@ def _plan_through(
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    name = to_cross.branch.robot.name
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
@@ -116,7 +113,7 @@ def _plan_through(
         """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
         if deflections is None or request.geometry != "deformed":
             return undeformed
-        return _solve_law(_deformed_crossings(tracker, deflections), timing, request, name, high)
+        return _solve_law(tracker.follow(deflections), timing, request, high)
 
     # torques and certificate, of a law that each pass chooses or of a fixed one
     resolve_with = partial(
@@ -143,20 +140,43 @@ def _plan_through(
     assert isinstance(law, Law)
     if request.geometry == "deformed":  # else the first law, which is checked
         try:
-            _check_advance(law, request, dynamics.crossings, name)
+            if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:
+                check_advance(law, [crossing.s for crossing in dynamics.crossings])
         except NoLaw:
             if request.times is None or not raises_left:
                 raise
-            deformed = _deformed_crossings(tracker, dynamics.deflection)
+            deformed = tracker.follow(dynamics.deflection)
             raised = _raise_degree(deformed, request, above=law.degree - 1)
             if raised is None:
                 raise
             _, timing, high = raised
-            law = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
+            law = _solve_law(to_cross.crossing_points, timing, request, high)
             return _plan_through(to_cross, request, law, timing, high, raises_left=raises_left - 1)
-    # the last pass has found the conditions, unless the motion meets other points or the user imposes some
-    handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
-    return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
+    return certified_plan(
+        to_cross,
+        request,
+        dynamics,
+        law,
+        timing,
+        crossed=() if request.at else tracker.crossings,
+        reason=_reason_for_law(law, request, len(to_cross.crossing_points)),
+    )
+
+
+def _reason_for_law(law: Law, request: Request, crossings: int) -> str:
+    """Return why a request with a number of crossings has this polynomial, in words."""
+    speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
+    if request.kind != "polynomial":
+        return (
+            "the polynomial advances" if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
+        )
+    reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
+    least_degree = 2 * request.smoothness + 1 + 3 * crossings
+    if law.degree > least_degree:
+        reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
+    if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
+        reason += f"; it nearly stops, at {speed_ratio:.2g} of its mean speed"
+    return reason
 
 
 def _find_balanced_law(
@@ -183,24 +203,23 @@ def _find_balanced_law(
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
     max_balances = 40  # of law and deflections, until the polynomial passes the crossings
-    name = to_cross.branch.robot.name
-    crossings = _undeformed_crossings(to_cross)
+    crossings = to_cross.crossing_points
     deflections: KnownDeflections | None = None
     for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections, high)
-        crossings = _deformed_crossings(tracker, deflections.evaluate)
-        places = np.array([point.s for point, _ in crossings])
+        crossings = tracker.follow(deflections.evaluate)
+        places = np.array([point.s for point in crossings])
         miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
-    raise NotConverged(f"the polynomial misses the crossings by {miss:.2g} in s", name=name, residual=miss)
+    raise NotConverged(f"the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
 
 
 def _balance_accelerations(
     to_cross: PathToCross,
     request: Request,
     timing: Sequence[CrossingTime],
-    crossings: Sequence[PlannedCrossing],
+    crossings: Sequence[SingularPoint],
     start: KnownDeflections | None,
     high: Array,
 ) -> tuple[Law, KnownDeflections]:
@@ -223,7 +242,7 @@ def _balance_accelerations(
 
     def law_of(shifts: Array) -> Law:
         """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
-        return _solve_law(crossings, timing, request, branch.robot.name, high, shifts)
+        return _solve_law(crossings, timing, request, high, shifts)
 
     no_shift = np.zeros(len(crossings))
     edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
@@ -234,59 +253,10 @@ def _balance_accelerations(
     return law_of(balance.scalars), balance.deflections
 
 
-def _check_advance(
-    law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
-) -> None:
-    """Refuse a law that turns back, leaves the path or repeats a crossing.
-
-    Args:
-        crossings: the points that the law crosses.
-        name: name of the robot.
-
-    Raises:
-        NoLaw: as `check_advance`.
-    """
-    if (
-        law.least_speed_ratio(request.smoothness, request.ends) <= 0
-    ):  # otherwise the law advances at all times
-        check_advance(law, [crossing.s for crossing in crossings], name)
-
-
-def _undeformed_crossings(to_cross: PathToCross) -> list[PlannedCrossing]:
-    """Return the crossing points of the undeformed robot with their conditions (8).
-
-    Raises:
-        NoLaw: no law can meet the condition at some point.
-    """
-    return [
-        (point, require_effect(to_cross.branch, point, condition, deflected=False))
-        for point, condition in to_cross.undeformed_crossings
-    ]
-
-
-def _deformed_crossings(
-    tracker: CrossingTracker, deflections: Callable[[Any, int], Array]
-) -> list[PlannedCrossing]:
-    """Follow the crossing points of the deflected robot; return each with its condition (8).
-
-    Args:
-        deflections: deflections (k, n_e) and their time derivatives as a function of times and order.
-
-    Raises:
-        NoLaw: the deflected robot has no singular point there.
-        NotConverged: s" has no effect on the condition with these deflections.
-    """
-    return [
-        (point, require_effect(tracker.branch, point, condition, deflected=True))
-        for point, condition in tracker.follow(deflections)
-    ]
-
-
 def _solve_law(
-    crossings: Sequence[PlannedCrossing],
+    crossings: Sequence[SingularPoint],
     timing: Sequence[CrossingTime],
     request: Request,
-    name: str,
     high: Array,
     shifts: Array | None = None,
 ) -> Law:
@@ -295,7 +265,6 @@ def _solve_law(
     Args:
         crossings: the points, each with the condition (8) that gives s".
         timing: times and speeds of the crossings.
-        name: name of the robot, for messages.
         high: coefficients of the law above its least degree.
         shifts: (k,) [1/s^2] of s" at the crossings, from those of the conditions.
 
@@ -306,8 +275,8 @@ def _solve_law(
     duration = request.fixed_duration
     shifts = np.zeros(len(crossings)) if shifts is None else shifts
     values = [
-        (point.s, speed, condition.acceleration(speed) + shift)
-        for (point, condition), (_, speed), shift in zip(crossings, timing, shifts, strict=True)
+        (point.s, speed, point.acceleration_at(speed) + shift)
+        for point, (_, speed), shift in zip(crossings, timing, shifts, strict=True)
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:
@@ -318,7 +287,7 @@ def _solve_law(
             f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
         )
         if request.times is None:
-            raise NoLaw(why, name=name) from None
+            raise NoLaw(why) from None
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
@@ -341,7 +310,6 @@ def undeformed_polynomial(
         NoLaw: no law can cross, or none that advances was found.
     """
     duration = request.fixed_duration
-    name = to_cross.branch.robot.name
     check_one_condition_each(to_cross.branch.robot, to_cross.crossing_points)
     for t in request.times or ():
         if not 0 < t < duration:
@@ -349,21 +317,24 @@ def undeformed_polynomial(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             ).advising(OPTIMAL_LAW)
-    crossings = _undeformed_crossings(to_cross)
-    s = [point.s for point, _ in crossings]
+    crossings = [
+        require_effect(to_cross.branch, point, deflected=False) for point in to_cross.crossing_points
+    ]
+    s = [point.s for point in crossings]
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
         """Compute least speed ratio and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
         accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
-        for k, (_, condition) in enumerate(crossings):
-            accelerations[:, k] = condition.acceleration(speeds[:, k])
+        for k, point in enumerate(crossings):
+            accelerations[:, k] = point.acceleration_at(speeds[:, k])
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return speed_ratios_and_peaks(duration, request.smoothness, times, values, request.ends)
 
     try:
-        timing = choose_timing(s, request, measure, name, searched=searched) if s else ()
-        law = _solve_law(crossings, timing, request, name, NO_HIGH)
-        _check_advance(law, request, to_cross.points, name)
+        timing = choose_timing(s, request, measure, searched=searched) if s else ()
+        law = _solve_law(crossings, timing, request, NO_HIGH)
+        if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:  # otherwise it always advances
+            check_advance(law, [point.s for point in to_cross.points])
         return law, timing, NO_HIGH
     except NoLaw as refusal:
         if not request.times:
@@ -375,7 +346,7 @@ def undeformed_polynomial(
 
 
 def _raise_degree(
-    crossings: Sequence[PlannedCrossing], request: Request, *, above: int = 0
+    crossings: Sequence[SingularPoint], request: Request, *, above: int = 0
 ) -> tuple[Law, tuple[CrossingTime, ...], Array] | None:
     """Find a law of higher degree that advances, its times, speeds and high coefficients; None without one.
 
@@ -385,8 +356,8 @@ def _raise_degree(
     from framework.planning.raised_polynomial import RaisedDegree  # slow to import, seldom needed
 
     assert request.times is not None
-    places = [point.s for point, _ in crossings]
-    conditions = [condition for _, condition in crossings]
+    places = [point.s for point in crossings]
+    conditions = [point.condition for point in crossings if point.condition is not None]
     for degree in RAISED_DEGREES:
         if degree <= above:
             continue
@@ -404,7 +375,7 @@ def _raise_degree(
         if raised is None:
             continue
         timing = _crossing_times(np.array([request.times, raised.speeds]))
-        law = _solve_law(crossings, timing, request, "", raised.high)
+        law = _solve_law(crossings, timing, request, raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
             return law, timing, raised.high
     return None
@@ -414,7 +385,7 @@ def _raise_degree(
 
 
 def choose_timing(
-    s: Sequence[float], request: Request, measure: Measure, name: str, *, searched: bool = True
+    s: Sequence[float], request: Request, measure: Measure, *, searched: bool = True
 ) -> tuple[CrossingTime, ...]:
     """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
@@ -426,7 +397,6 @@ def choose_timing(
         measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns the
             least speed ratio (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `speed_ratios_and_peaks`
             does.
-        name: name of the robot, for messages.
         searched: whether times and speeds are searched if no candidate will do.
 
     Raises:
@@ -445,7 +415,6 @@ def choose_timing(
         raise NoLaw(
             f"the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
             f"its speed above {COMFORTABLE_ADVANCE:g} of the mean",
-            name=name,
             clauses=("no others are searched: cut the path, take law optimal, or give all times and speeds",),
         )
 
@@ -459,7 +428,6 @@ def choose_timing(
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
             f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
             f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s",
-            name=name,
             clauses=(f"give other times, speeds or another duration{or_optimal}",),
         )
     return timing

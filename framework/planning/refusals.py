@@ -91,7 +91,7 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot has no singular point near the crossing
         planning.crossing_tracker.track_points
     NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
-        planning.condition.condition_at
+        planning.condition.require_effect
     NotAssembled: loops do not close along the motion, or rates do not exist
         kinematics.inverse_kinematics.close_loops
         kinematics.motion_rates.motion_at
@@ -316,7 +316,7 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
 # ------------------------------------------------------------------ laws that turn back
 
 
-def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
+def check_advance(law: MotionLaw, s: Sequence[float]) -> None:
     """Refuse a law that turns back, leaves the path or repeats a crossing.
 
     A law may overshoot an end by less than `tolerances.OVERSHOOT` and return to it, as the law of degree 8 in
@@ -324,18 +324,14 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
 
     Args:
         s: path coordinates (k,) of the singular points.
-        name: name of the robot.
 
     Raises:
         NoLaw: the law has such a fault; the message has its s and time.
     """
     fault = _find_fault(law, s)
     if fault:
-        raise NoLaw(
-            f"the law does not always advance: it {fault}",
-            name=name,
-            clauses=("choose other times or speeds",),
-        )
+        clauses = ("choose other times or speeds",)
+        raise NoLaw(f"the law does not always advance: it {fault}", clauses=clauses)
 
 
 def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:

@@ -98,7 +98,7 @@ class Unresolved(NotConverged):
     def __init__(self, name: str, s: float, width: float) -> None:
         """Store s, and the width of the panel as residual; `name` is that of the robot."""
         super().__init__(
-            f"{name}: the singularity measure cannot be resolved near s = {s:.6g}", residual=width, s=s
+            f"the singularity measure cannot be resolved near s = {s:.6g}", name=name, residual=width, s=s
         )
         self.s: float = s
 

@@ -90,5 +90,7 @@ def test_a_refusal_is_said_from_its_parts_also_behind_a_process():
 
 
 def test_nothing_takes_the_text_of_an_error_apart():
-    cuts = re.compile(r"str\(\w+\)\.(removeprefix|removesuffix|r?partition|startswith|endswith)\(|\w\.args = ")
+    cuts = re.compile(
+        r"str\(\w+\)\.(removeprefix|removesuffix|r?partition|startswith|endswith)\(|\w\.args = "
+    )
     assert not [module for module, file in FILES.items() if cuts.search(file.read_text())]
