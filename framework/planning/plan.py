@@ -377,7 +377,7 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     """
     to_cross = path_to_cross(searched, request)
     try:
-        law, _timing, _high = undeformed_polynomial(to_cross, request)
+        law, _timing = undeformed_polynomial(to_cross, request)
     except NoLaw as refusal:
         raise refusal.naming(searched.branch.robot.name) from None
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)

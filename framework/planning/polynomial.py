@@ -7,14 +7,16 @@ crossings that the user leaves open are chosen so that the law always advances.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import choose_failure, resolve
+from framework.dynamics.inverse_dynamics import choose_failure, resolve, resolve_law
 from framework.dynamics.restoration import solve_balance
+from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
@@ -65,11 +67,20 @@ def plan_polynomial(
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    law, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
+    law, timing = undeformed_polynomial(to_cross, request, searched=searched)
+    least_degree = _least_degree(request, to_cross.crossing_points)
+    names = ("geometry", "tolerance", "friction")
+    options: dict[str, Any] = {name: getattr(request, name) for name in names}  # of `resolve`
+    crossed: Sequence[SingularPoint] = ()  # of the deformed robot
     first_failure = None
     while True:
         try:
-            return _plan_through(to_cross, request, law, timing, high)
+            if request.geometry == "deformed":
+                dynamics, timing, crossed = _resolve_deformed(to_cross, request, options, law, timing)
+            else:
+                dynamics = resolve_law(to_cross.searched, law, **options)
+            dynamics = share_load(dynamics, request, optimal=False)
+            break
         except SpringsTooSoft:  # whatever the law
             raise
         except NotConverged as failure:
@@ -79,99 +90,94 @@ def plan_polynomial(
             raised = _raise_degree(to_cross.crossing_points, request, above=law.degree)
         if raised is None:
             raise first_failure
-        law, timing, high = raised
+        law, timing = raised
+    planned = dynamics.law
+    assert isinstance(planned, Law)
+    reason = _reason_for_law(planned, request, least_degree)
+    return certified_plan(to_cross, request, dynamics, planned, timing, crossed=crossed, reason=reason)
 
 
-def _plan_through(
+def _resolve_deformed(
     to_cross: PathToCross,
     request: Request,
+    options: Mapping[str, Any],
     undeformed: Law,
     timing: tuple[CrossingTime, ...],
-    high: Array,
     *,
     raises_left: int = 2,
-) -> CrossingPlan:
-    """Plan with the polynomial through crossings at given times and speeds.
+) -> tuple[InverseDynamics, tuple[CrossingTime, ...], Sequence[SingularPoint]]:
+    """Compute torques of the polynomial through crossings of the deflected robot at given times and speeds.
 
     Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
     of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
     solved for together. The last law must advance.
 
     Args:
+        options: of `resolve`.
         undeformed: the law through the crossing points of the undeformed robot.
         timing: times and speeds of the crossings.
-        high: coefficients of the law above its least degree.
         raises_left: how often both may be found anew if deflections make the law turn back.
+
+    Returns:
+        The motion; times and speeds of its crossings; the crossing points with the last deflections, none if
+        the user imposes them.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
+    high = undeformed.coefficients[_least_degree(request, timing) + 1 :]
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None) -> Law:
         """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
-        if deflections is None or request.geometry != "deformed":
+        if deflections is None:
             return undeformed
         return _solve_law(tracker.follow(deflections), timing, request, high)
 
-    # torques and certificate, of a law that each pass chooses or of a fixed one
-    resolve_with = partial(
-        resolve,
-        to_cross.searched,
-        geometry=request.geometry,
-        tolerance=request.tolerance,
-        friction=request.friction,
-    )
     try:
-        dynamics = resolve_with(choose_law)
+        dynamics = resolve(to_cross.searched, choose_law, **options)
     except (NotConverged, UnboundedTorque) as failure:
-        if request.geometry != "deformed" or request.at is not None:  # s" at imposed points is prescribed
+        if request.at is not None:  # s" at imposed points is prescribed
             raise
         try:
             balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
-            dynamics = resolve_with(lambda _: balanced, known=deflections)
+            dynamics = resolve(to_cross.searched, lambda _: balanced, **options, known=deflections)
         except SearchEnded:
             raise
         except NoAnswer as second:  # raise the failure that says more
             raise choose_failure(failure, second) from None
-    dynamics = share_load(dynamics, request, optimal=False)
     law = dynamics.law
     assert isinstance(law, Law)
-    if request.geometry == "deformed":  # else the first law, which is checked
-        try:
-            if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:
-                check_advance(law, [crossing.s for crossing in dynamics.crossings])
-        except NoLaw:
-            if request.times is None or not raises_left:
-                raise
-            deformed = tracker.follow(dynamics.deflection)
-            raised = _raise_degree(deformed, request, above=law.degree - 1)
-            if raised is None:
-                raise
-            _, timing, high = raised
-            law = _solve_law(to_cross.crossing_points, timing, request, high)
-            return _plan_through(to_cross, request, law, timing, high, raises_left=raises_left - 1)
-    return certified_plan(
-        to_cross,
-        request,
-        dynamics,
-        law,
-        timing,
-        crossed=() if request.at else tracker.crossings,
-        reason=_reason_for_law(law, request, len(to_cross.crossing_points)),
-    )
+    try:
+        if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:
+            check_advance(law, [crossing.s for crossing in dynamics.crossings])
+    except NoLaw:
+        if request.times is None or not raises_left:
+            raise
+        raised = _raise_degree(tracker.follow(dynamics.deflection), request, above=law.degree - 1)
+        if raised is None:
+            raise
+        advancing, timing = raised
+        high = advancing.coefficients[_least_degree(request, timing) + 1 :]
+        law = _solve_law(to_cross.crossing_points, timing, request, high)
+        return _resolve_deformed(to_cross, request, options, law, timing, raises_left=raises_left - 1)
+    return dynamics, timing, () if request.at else tracker.crossings
 
 
-def _reason_for_law(law: Law, request: Request, crossings: int) -> str:
-    """Return why a request with a number of crossings has this polynomial, in words."""
+def _least_degree(request: Request, crossings: Sequence[object]) -> int:
+    """Return the degree of the polynomial with the ends of a request and three conditions a crossing."""
+    return 2 * request.smoothness + 1 + 3 * len(crossings)
+
+
+def _reason_for_law(law: Law, request: Request, least_degree: int) -> str:
+    """Return why a request has this polynomial, in words."""
     speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
     if request.kind != "polynomial":
         return (
             "the polynomial advances" if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
         )
     reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
-    least_degree = 2 * request.smoothness + 1 + 3 * crossings
     if law.degree > least_degree:
         reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
     if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
@@ -257,7 +263,7 @@ def _solve_law(
     crossings: Sequence[SingularPoint],
     timing: Sequence[CrossingTime],
     request: Request,
-    high: Array,
+    high: Array = NO_HIGH,
     shifts: Array | None = None,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
@@ -293,7 +299,7 @@ def _solve_law(
 
 def undeformed_polynomial(
     to_cross: PathToCross, request: Request, *, searched: bool = True
-) -> tuple[Law, tuple[CrossingTime, ...], Array]:
+) -> tuple[Law, tuple[CrossingTime, ...]]:
     """Compute a law of the undeformed robot that always advances.
 
     Open times and speeds are chosen. Torques are neither computed nor certified.
@@ -302,8 +308,8 @@ def undeformed_polynomial(
         searched: whether open ones are searched if none of the first ones will do.
 
     Returns:
-        The law; times and speeds of its crossings; its coefficients above the least degree. These are none if
-        the law of least degree advances, or if the times are open.
+        The law, and times and speeds of its crossings. The law has the least degree if that one advances, or
+        if the times are open.
 
     Raises:
         InvalidInput: times or speeds of the request do not suit the path.
@@ -332,10 +338,10 @@ def undeformed_polynomial(
 
     try:
         timing = choose_timing(s, request, measure, searched=searched) if s else ()
-        law = _solve_law(crossings, timing, request, NO_HIGH)
+        law = _solve_law(crossings, timing, request)
         if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:  # otherwise it always advances
             check_advance(law, [point.s for point in to_cross.points])
-        return law, timing, NO_HIGH
+        return law, timing
     except NoLaw as refusal:
         if not request.times:
             raise
@@ -347,8 +353,8 @@ def undeformed_polynomial(
 
 def _raise_degree(
     crossings: Sequence[SingularPoint], request: Request, *, above: int = 0
-) -> tuple[Law, tuple[CrossingTime, ...], Array] | None:
-    """Find a law of higher degree that advances, its times, speeds and high coefficients; None without one.
+) -> tuple[Law, tuple[CrossingTime, ...]] | None:
+    """Find a law of higher degree that advances, with times and speeds of its crossings; None without one.
 
     Args:
         above: a degree; only higher ones are tried.
@@ -377,7 +383,7 @@ def _raise_degree(
         timing = _crossing_times(np.array([request.times, raised.speeds]))
         law = _solve_law(crossings, timing, request, raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
-            return law, timing, raised.high
+            return law, timing
     return None
 
 

@@ -328,34 +328,25 @@ def check_advance(law: MotionLaw, s: Sequence[float]) -> None:
     Raises:
         NoLaw: the law has such a fault; the message has its s and time.
     """
-    fault = _find_fault(law, s)
+    times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
+    place, ds = law_derivatives(law, times, 2)
+    largest_speed = np.abs(ds).max()
+    is_backwards = (place > 0) & (place < 1) & (ds < -AT_REST * largest_speed)
+    fault = ""
+    for end, overshoot in ((0.0, -place), (1.0, place - 1.0)):  # how far the law is beyond the end
+        worst = np.argmax(overshoot)
+        if not fault and overshoot[worst] > OVERSHOOT:
+            fault = (
+                f"leaves the path at s = {end:g}, up to s = {place[worst]:.4g} at t = {times[worst]:.4g} s"
+            )
+    if not fault and is_backwards.any():
+        first = np.argmax(is_backwards)
+        fault = f"runs backwards at t = {times[first]:.4g} s, s = {place[first]:.4g}"
+    for singular in s:
+        meetings = times[:-1][np.diff(place > singular)]  # [s] samples after which the law passes the point
+        if not fault and len(meetings) > 1:
+            instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
+            fault = f"meets the singular point s = {singular:.6g} {instants}"
     if fault:
         clauses = ("choose other times or speeds",)
         raise NoLaw(f"the law does not always advance: it {fault}", clauses=clauses)
-
-
-def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
-    """Find the first fault of a law, in words; empty without one.
-
-    Args:
-        singular: path coordinates (k,) of the singular points.
-    """
-    times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
-    s, ds = law_derivatives(law, times, 2)
-    for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):  # how far s is beyond the end
-        worst = np.argmax(overshoot)
-        if overshoot[worst] > OVERSHOOT:
-            return f"leaves the path at s = {end:g}, up to s = {s[worst]:.4g} at t = {times[worst]:.4g} s"
-
-    is_inside = (s > 0) & (s < 1)
-    is_backwards = is_inside & (ds < -AT_REST * np.abs(ds).max())
-    if is_backwards.any():
-        first = np.argmax(is_backwards)
-        return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
-
-    for s_singular in singular:
-        meetings = times[:-1][np.diff(s > s_singular)]  # [s] samples after which s passes the point
-        if len(meetings) > 1:
-            instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
-            return f"meets the singular point s = {s_singular:.6g} {instants}"
-    return ""
