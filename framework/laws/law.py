@@ -320,7 +320,6 @@ class Law(ReadOnlyArrays, PlannedLaw):
             high: given coefficients of the degrees that the conditions leave open.
             ends: derivatives at ends in motion.
         """
-        check_duration(duration)
         at_ends = conditions_at_instants((0.0, duration), ends.conditions(smoothness))
         return Law.from_conditions([*at_ends, *inner], duration, high)
 

@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.polynomial import polynomial
 
+from framework.dynamics.drive_limits import DriveLimits
 from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.motor_friction import PlannedFriction, motor_friction
 from framework.dynamics.motor_limits import shortest_form
@@ -115,13 +116,6 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     friction = motor_friction(plans[0].robot, plans[0].request.friction)
     dynamics = _join(path, law, friction)
     speed = 1.0 / path.duration
-    crossings = []
-    for plan, start, leave in zip(plans, path.starts.tolist(), leaves, strict=False):
-        for crossing in plan.crossings:
-            if crossing.time < leave:
-                time = start + crossing.time
-                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
-                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
     request = replace(
         plans[0].request,
         path=path,
@@ -143,7 +137,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         plans[0].robot,
         request,
         law,
-        tuple(crossings),
+        dynamics.crossings,
         dynamics,
         dynamics.certificate,
         seconds=sum(plan.seconds for plan in plans),
@@ -319,16 +313,34 @@ def _loosest_drives(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
     """Return options of curves and RMS torques that all plans keep, and their cycle time."""
     all_drives = [specification_of(plan.robot, plan.request).drives for plan in plans]
     loosest: dict[str, Any] = dict.fromkeys(DRIVE_OPTIONS)
-    for option in DRIVE_OPTIONS:
-        if any(getattr(plan.request, option) is not None or plan.request.margin for plan in plans):
-            limits = [np.inf if drives is None else getattr(drives, option) for drives in all_drives]
-            loosest[option] = shortest_form(
-                np.max(np.broadcast_arrays(*limits, np.zeros(plans[0].robot.n_a)), axis=0)
-            )
+    stated = {name for name in DRIVE_OPTIONS for plan in plans if getattr(plan.request, name) is not None}
+    if stated or any(plan.request.margin for plan in plans):
+        unlimited = (np.full(plans[0].robot.n_a, np.inf),) * 4
+        corner, no_load, rms = envelop_drives(
+            [drives or DriveLimits(*unlimited, None) for drives in all_drives]
+        )
+        loosest["rms_torque_limit"] = shortest_form(rms)
+        loosest["corner_speed"], loosest["no_load_speed"] = shortest_form(corner), shortest_form(no_load)
     cycles = [plan.request.cycle_time for plan in plans]
     if any(cycles):
         loosest["cycle_time"] = sum(cycle or plan.duration for cycle, plan in zip(cycles, plans, strict=True))
     return loosest
+
+
+def envelop_drives(drives: Sequence[DriveLimits]) -> tuple[Array, Array, Array]:
+    """Return the least corner speeds, no-load speeds and RMS torques (n_a,) that admit what each drive does.
+
+    A curve admits |T| <= T_0 and |w + k T| <= w_0 (`dynamics.drive_limits`). Its corners at w > 0 are
+    (w_0 - k T_0, T_0) and, braking, (w_0 + k T_0, -T_0). With the least k of all curves and the largest T_0
+    the second corner is the one that needs the larger w_0: w_0 + (k - least k) T_0.
+    """
+    torque, corner, no_load, rms = (np.array(values) for values in list(zip(*drives, strict=True))[:4])
+    has_curve = np.isfinite(no_load).all(axis=0)  # (n_a,) in every plan; the arrays above are (plans, n_a)
+    with np.errstate(invalid="ignore"):  # of motors without a curve
+        k = (no_load - corner) / torque
+        widened = np.max(no_load + (k - k.min(axis=0)) * torque, axis=0)
+        corner_speed = np.where(has_curve, widened - k.min(axis=0) * torque.max(axis=0), np.inf)
+    return corner_speed, np.where(has_curve, widened, np.inf), rms.max(axis=0)
 
 
 def _check_instant(plan: CrossingPlan, t: float) -> None:
@@ -388,11 +400,13 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
         return TimeFunction(np.concatenate([*edges, [path.duration]]), np.concatenate(padded))
 
     crossings = []
-    for piece, start, leave in zip(path.pieces, path.starts.tolist(), path.leaves, strict=False):
-        for crossing in piece.crossings:
+    speed = 1.0 / path.duration
+    for plan, start, leave in zip(path.plans, path.starts.tolist(), path.leaves, strict=False):
+        for crossing in plan.crossings:
             if crossing.time < leave:
                 time = start + crossing.time
-                crossings.append(replace(crossing, time=time, s=time / path.duration))
+                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
+                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
     motor_angles = join([piece.motor_angles for piece in path.pieces])
     certificates = [asdict(piece.certificate) for piece in path.pieces]
     worst = {name: max(each[name] for each in certificates) for name in certificates[0]}

@@ -24,7 +24,7 @@ from framework.laws.path import HIGHEST_ORDER
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.cone_program import AffineRows, ConeProgram, Unsolved, solve_cone_program
-from framework.planning.condition import Condition8
+from framework.singularity.points_on_path import Condition8
 
 SAMPLES_PER_COEFFICIENT = 8  # of x, at which p is bounded from below and |s""| from above
 FIRST_SPEEDS = np.geomspace(0.2, 6.0, 10)  # paths in the duration, tried for all crossings alike

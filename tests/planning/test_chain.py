@@ -15,8 +15,9 @@ from framework import (
     simulate,
 )
 from framework.control import reference_of
+from framework.dynamics.drive_limits import DriveLimits
 from framework.files.trajectory_file import joint_trajectory
-from framework.planning.chain import DepartingCurve
+from framework.planning.chain import DepartingCurve, envelop_drives
 from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects_of
 
@@ -95,6 +96,28 @@ def test_a_chain_has_limits_that_each_of_its_plans_keeps():
     chain = chain_plans([plan, rest], [0.5])
     np.testing.assert_allclose(chain.request.torque_limit, [0.45, 0.4])
     assert chain_plans([plan, plan.restart(0.5, duration=1.6)], [0.5]).request.torque_limit[0] is None
+
+
+def test_what_a_drive_of_a_plan_admits_that_of_the_chain_admits_too():
+    """Also torques that brake at speeds beyond the no-load speed of some plan."""
+    random = np.random.default_rng(20261129)
+    for _ in range(20):
+        torque, corner = random.uniform(0.1, 3.0, (2, 3, 2))  # of three plans and two motors
+        no_load = corner * random.uniform(1.01, 3.0, (3, 2))
+        drives = [
+            DriveLimits(*limits, torque[0], None) for limits in zip(torque, corner, no_load, strict=True)
+        ]
+        corner_speed, no_load_speed, _rms = envelop_drives(drives)
+        assert np.all((corner_speed > 0.0) & (corner_speed < no_load_speed))
+        chain = DriveLimits(torque.max(axis=0), corner_speed, no_load_speed, torque[0], None)
+        T, w = random.uniform(-1.0, 1.0, (2, 4000, 2)) * np.array([3.0, 20.0])[:, None, None]
+        admitted = [
+            (np.abs(T) <= each.torque_limit) & (np.abs(each.curve_ratio(T, w)) <= 1.0)
+            for each in (*drives, chain)
+        ]
+        assert np.any(admitted[:3], axis=0)[~admitted[3]].sum() == 0
+    same = envelop_drives([drives[0], drives[0]])
+    np.testing.assert_allclose(same[:2], [drives[0].corner_speed, drives[0].no_load_speed], rtol=1e-14)
 
 
 def test_the_path_of_a_chain_is_one_motion_to_inverse_dynamics():
