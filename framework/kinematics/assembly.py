@@ -160,19 +160,19 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
     """Return the error for a `reason`, with the pose of `closing` and a remark on angles in degrees."""
-    turns = remark_on_turns(mechanism, mechanism.description.reference)
-    return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
+    error = NotAssembled(reason, name=mechanism.name, q=closing.q, residual=closing.residual)
+    return error.adding(remark_on_turns(mechanism, mechanism.description.reference))
 
 
 def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
-    """Return a remark on hinges whose `positions` by name exceed a full turn; empty without any."""
+    """Return a clause on hinges whose `positions` by name exceed a full turn; empty without any."""
     turns = []
     columns = velocity_columns(mechanism.model, positions)
     for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
         count = abs(angle) / (2.0 * np.pi)
         if count > 1.0 and not sliding:
             turns.append(f"{joint} at {angle:g} rad is {count:.3g} turns")
-    return f"; angles are in rad: {', '.join(turns)}" if turns else ""
+    return f"angles are in rad: {', '.join(turns)}" if turns else ""
 
 
 def move_closed(mechanism: Mechanism, q: Array, motion: Array) -> Array | None:

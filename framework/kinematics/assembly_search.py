@@ -359,8 +359,9 @@ def _find_with_fewer_limits(
         return pose
     listed = " or ".join(alone) or " and ".join(f"{joint} {words}" for joint, words in beyond.items())
     raise NotAssembled(
-        f"{mechanism.name}: the loops close only beyond the joints' limits, with {listed}: the limits "
+        f"the loops close only beyond the joints' limits, with {listed}: the limits "
         f"contradict the loops; change them, or the zero of the joint",
+        name=mechanism.name,
         q=pose.q,
         residual=failure.residual,
     )
@@ -377,9 +378,10 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     if gap[row] < LOOP_GAP:  # the equations are closed, so a closure must be flipped
         best = f"{find_flipped_closure(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
-        f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
+        f"the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
         f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "
         f"reference near to an assembled configuration",
+        name=mechanism.name,
         q=q,
         residual=residual,
     )

@@ -26,13 +26,13 @@ from framework.kinematics.tree_model import (
     joint_limits,
     tree_model,
 )
-from framework.model.description import AXES, Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
+from framework.model.description import AXES, Coupling, JointDynamics, RobotDescription, Spring
 from framework.model.documents import parse_xml, prefix_errors
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.pinocchio_model import parse_pinocchio
 from framework.model.readers.recognise import parse_any
-from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
+from framework.model.urdf_edits import insert_springs
+from framework.model.urdf_elements import ParsedRobot, read_tree
 from framework.model.visuals import read_visuals, visual_model
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
@@ -140,8 +140,8 @@ class Mechanism(ReadOnlyArrays):
             NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
         """
         with prefix_errors(f"{description.file}: urdf"):
-            urdf = parse_xml(description.urdf_text)
-        return cls.of(_build_mechanism(ParsedRobot(description, urdf), flexibility))
+            tree = read_tree(parse_xml(description.urdf_text))
+        return cls.of(_build_mechanism(ParsedRobot(description, tree), flexibility))
 
     @classmethod
     def from_pinocchio(
@@ -426,7 +426,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),  # none yet
         directions=locked_directions(description.closures, frame_names),
-        limits=joint_limits(parsed.urdf, model),
+        limits=joint_limits(parsed.tree, model),
         q_near=q_near,
         length=reference_length(model, q_near, frames),
     )
@@ -435,21 +435,17 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`."""
     file = parsed.description.file
-    urdf = copy_without_shapes(parsed.urdf)  # changed in place below
-    make_continuous_joints_revolute(urdf)
-    insert_springs(urdf, springs)
+    # balls keep the axes of the file if parameters differ between axes, or if springs rest off zero
+    as_declared = []
+    for joint in parsed.tree.joints.values():
+        turns = joint.coordinates[-3:]  # without the slides of a floating joint
+        parameters = {parsed.description.joints.get(turn, JointDynamics()) for turn in turns}
+        if len(parameters) > 1 or any(axis.rest for axis in parameters):
+            as_declared.append(joint.name)
+    tree = parsed.tree.copy()
+    insert_springs(tree, springs)
     try:
-        # balls keep the axes of the file if parameters differ between axes, or if springs rest off zero
-        as_declared = []
-        for joint in parsed.urdf.findall("joint"):
-            name, kind = joint.get("name", ""), joint.get("type", "")
-            if kind not in COORDINATE_SUFFIXES:
-                continue
-            turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
-            parameters = {parsed.description.joints.get(turn, JointDynamics()) for turn in turns}
-            if len(parameters) > 1 or any(axis.rest for axis in parameters):
-                as_declared.append(name)
-        model = tree_model(urdf, as_declared, parsed.joint_order)
+        model = tree_model(tree, as_declared, parsed.joint_order)
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
     if model.nv > MAX_JOINTS:

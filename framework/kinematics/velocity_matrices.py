@@ -173,8 +173,9 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     linearised = closed.linearised
     if len(find_near_type2(robot, linearised)):
         raise SingularPose(
-            f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
+            f"at {robot.place(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
+            name=robot.name,
             platform=closed.x[0],
         )
 

@@ -6,7 +6,7 @@ import pytest
 import robots
 from framework import InvalidInput, NoAnswer, ParallelRobot, dynamics_at
 from framework.cli import main
-from framework.identification import Sensors, excite, identify
+from framework.identification import Sensors, excite, identify, parametrise_geometry
 from framework.identification.base_parameters import (
     collect_link_parameters,
     torque_parameters,
@@ -64,6 +64,19 @@ def test_a_heavier_payload_is_found_to_a_percent(excitation):
     # the motion was said to show it as well as it does
     (promised,) = excitation.shown
     assert mass.deviation == pytest.approx(promised.deviation, rel=0.3)
+
+
+@pytest.mark.slow
+def test_a_robot_with_other_rods_starts_at_the_motors_of_the_motion():
+    """At the place of the platform instead, feedback would jerk the motors."""
+    geometry = parametrise_geometry(ROBOT)
+    values = np.zeros(len(geometry.names))
+    values[geometry.names.index("right_rod_tip.x")] = 2e-3
+    real = ParallelRobot.from_description(geometry.description(values))
+    data = FOUND.record(real, Sensors(rate=250.0, torque_noise=0.0))
+    angles, torques = (data.columns(kind, ROBOT.actuator_names) for kind in ("motor_angle", "torque"))
+    np.testing.assert_allclose(angles[0], FOUND.motion.angle[0], atol=1e-4)
+    assert (np.abs(torques).max(axis=0) < 1.2 * np.abs(FOUND.motion.torque).max(axis=0)).all()
 
 
 def test_a_search_finds_better_motions_than_its_first():

@@ -126,7 +126,7 @@ def law_of_least_degree(robot, time: float, speed: float) -> tuple[Law, float]:
 def test_a_law_that_runs_backwards_on_the_way_is_refused_and_one_of_higher_degree_found(robot):
     law, s = law_of_least_degree(robot, 1.2, 2.0)
     with pytest.raises(NoLaw, match="runs backwards at t = "):
-        check_advance(law, [s], "robot")
+        check_advance(law, [s])
     assert plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0]).certificate.monotone
 
 
@@ -185,7 +185,7 @@ def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8(
 def test_a_law_that_meets_the_locus_again_is_refused(robot):
     law, s = law_of_least_degree(robot, 0.15, 0.2)
     with pytest.raises(NoLaw, match="does not always advance"):
-        check_advance(law, [s], "robot")
+        check_advance(law, [s])
 
 
 def test_an_acceleration_that_is_rounding_is_printed_without_a_sign(robot):

@@ -10,7 +10,6 @@ robot must assemble, its platform must move along each axis, and its motors must
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -42,6 +41,7 @@ from framework.model.description import AXES, Actuator, Closure, Platform, Robot
 from framework.model.readers.describe import Options, PartialRobot
 from framework.model.readers.recognise import parse_any
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
+from framework.model.urdf_edits import urdf_text
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
@@ -135,8 +135,8 @@ def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialR
     Args:
         by_joints: whether positions of joints may become the platform's coordinates.
     """
-    urdf = ElementTree.tostring(partial.tree.root, encoding="unicode")
-    partial = partial._replace(description=replace(partial.description, urdf_text=urdf))
+    description = replace(partial.description, urdf_text=urdf_text(partial.tree))
+    partial = partial._replace(description=description)
     try:
         return _complete_at_pose(partial, motions_near_reference(partial.description), by_joints=by_joints)
     except SingularReference as singular:
