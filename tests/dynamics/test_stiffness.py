@@ -162,8 +162,12 @@ def test_springs_on_joints_alone_leave_a_platform_without_a_stiffness(loaded):
     assert np.isnan(locked_motor_frequency(free)).all()
 
 
-def test_the_response_to_torques_is_that_of_all_coordinates_with_their_loops_also_at_type_2():
-    robot = robots.load("five_bar", flexibility="flexible_links")
+@pytest.mark.parametrize("damping", [0.0, 40.0])
+def test_the_response_to_torques_is_that_of_all_coordinates_with_their_loops_also_at_type_2(damping):
+    description = robots.load("five_bar").description
+    joints = {"left_elbow": JointDynamics(damping=damping), "right_motor": JointDynamics(damping=damping / 2)}
+    description = replace(description, joints=joints)
+    robot = ParallelRobot.from_description(description, flexibility="flexible_links")
     x = np.array([[0.05, 0.3], [0.0, np.sqrt(0.06)]])  # the second is singular
     q = np.array([assemble(robot, one).q for one in x])
     frequencies = np.array([3.0, 120.0])
@@ -172,7 +176,8 @@ def test_the_response_to_torques_is_that_of_all_coordinates_with_their_loops_als
     for k, f in product(range(2), range(2)):
         w, (J, X) = 2 * np.pi * frequencies[f], np.split(linearised.jacobian[k], [robot.n])[::-1]
         mass = mass_matrices(robot, q[k][None])[0] + np.diag(robot.rotors)
-        K = np.diag(robot.all_stiffness) * (1 + 0.04j) - w**2 * mass
+        dampers = np.diag(robot.joint_damping)
+        K = np.diag(robot.all_stiffness) * (1 + 0.04j) + 1j * w * dampers - w**2 * mass
         system = np.block([[K, J.T], [J, np.zeros((len(J), len(J)))]])
         drive = np.zeros((len(system), robot.n_a))
         drive[robot.actuated, range(robot.n_a)] = robot.gear_ratio

@@ -6,6 +6,7 @@ from scipy.optimize import linprog
 
 import robots
 from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
+from framework.dynamics.torque_distribution import second_differences
 from framework.planning.optimal.peak_bound import bound_plan
 
 BASES = np.array([[0.0, 0.0], [1.0, 0.0], [0.4, 1.0]])  # of the struts [m]
@@ -134,6 +135,14 @@ def test_a_polynomial_within_limits_keeps_them_by_the_distribution_of_its_torque
     assert largest_imbalance(plan) < 1e-9
     assert plan.certificate.tail < 1e-10
     assert plan.certificate.max_residual_torque < 1e-9
+
+
+def test_bends_of_internal_torques_are_their_second_differences():
+    random = np.random.default_rng(0)
+    frames, x = random.standard_normal((6, 4, 2)), random.standard_normal((6, 2))
+    torques = np.einsum("kmr,kr->km", frames, x)
+    bends = second_differences(frames) @ x.ravel()
+    assert bends.reshape(4, 4) == pytest.approx(np.diff(torques, 2, axis=0), abs=1e-13)
 
 
 def test_elastic_robots_share_by_least_norm_alone():
