@@ -67,16 +67,16 @@ def test_a_heavier_payload_is_found_to_a_percent(excitation):
 
 
 @pytest.mark.slow
-def test_a_robot_with_other_rods_starts_at_the_motors_of_the_motion():
+def test_a_robot_with_other_rods_starts_at_the_motors_of_the_motion(excitation):
     """At the place of the platform instead, feedback would jerk the motors."""
     geometry = parametrise_geometry(ROBOT)
     values = np.zeros(len(geometry.names))
     values[geometry.names.index("right_rod_tip.x")] = 2e-3
     real = ParallelRobot.from_description(geometry.description(values))
-    data = FOUND.record(real, Sensors(rate=250.0, torque_noise=0.0))
+    data = excitation.record(real, Sensors(rate=250.0, torque_noise=0.0))
     angles, torques = (data.columns(kind, ROBOT.actuator_names) for kind in ("motor_angle", "torque"))
-    np.testing.assert_allclose(angles[0], FOUND.motion.angle[0], atol=1e-4)
-    assert (np.abs(torques).max(axis=0) < 1.2 * np.abs(FOUND.motion.torque).max(axis=0)).all()
+    np.testing.assert_allclose(angles[0], excitation.motion.angle[0], atol=1e-4)
+    assert (np.abs(torques).max(axis=0) < 1.2 * np.abs(excitation.motion.torque).max(axis=0)).all()
 
 
 def test_a_search_finds_better_motions_than_its_first():
