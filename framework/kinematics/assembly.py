@@ -108,7 +108,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     while iterations < MAX_ITERATIONS and np.linalg.norm(loops.residual) > rounding_gap:
         iterations += 1
         # of all steps that close the linearised loops the one of least norm [rad, robot lengths], (k,)
-        step: Array = -np.linalg.lstsq(loops.jacobian[:, free], loops.residual, rcond=RANK_ROUNDING)[0]
+        step = np.linalg.lstsq(loops.jacobian[:, free], -loops.residual, rcond=RANK_ROUNDING)[0].astype(float)
         step *= min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
         step *= mechanism.column_scale[free]  # robot lengths become metres
 
