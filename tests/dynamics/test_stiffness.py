@@ -18,7 +18,7 @@ from framework.dynamics.stiffness import (
 )
 from framework.dynamics.vibrations import platform_vibrations
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
-from framework.model.description import JointDynamics
+from framework.model.description import JointDynamics, LineSpring
 from framework.simulation.equations import EquationsOfMotion
 from tests.oracles import five_bar_pose
 from tests.oracles.planar import cross, legs
@@ -166,7 +166,8 @@ def test_springs_on_joints_alone_leave_a_platform_without_a_stiffness(loaded):
 def test_the_response_to_torques_is_that_of_all_coordinates_with_their_loops_also_at_type_2(damping):
     description = robots.load("five_bar").description
     joints = {"left_elbow": JointDynamics(damping=damping), "right_motor": JointDynamics(damping=damping / 2)}
-    description = replace(description, joints=joints)
+    to_ground = LineSpring(("base", "left_tip"), damping=7.0 * damping)
+    description = replace(description, joints=joints, line_springs=(to_ground,) if damping else ())
     robot = ParallelRobot.from_description(description, flexibility="flexible_links")
     x = np.array([[0.05, 0.3], [0.0, np.sqrt(0.06)]])  # the second is singular
     q = np.array([assemble(robot, one).q for one in x])
@@ -176,7 +177,8 @@ def test_the_response_to_torques_is_that_of_all_coordinates_with_their_loops_als
     for k, f in product(range(2), range(2)):
         w, (J, X) = 2 * np.pi * frequencies[f], np.split(linearised.jacobian[k], [robot.n])[::-1]
         mass = mass_matrices(robot, q[k][None])[0] + np.diag(robot.rotors)
-        dampers = np.diag(robot.joint_damping)
+        along = x[k] / np.linalg.norm(x[k]) @ X
+        dampers = np.diag(robot.joint_damping) + 7.0 * damping * np.outer(along, along)
         K = np.diag(robot.all_stiffness) * (1 + 0.04j) + 1j * w * dampers - w**2 * mass
         system = np.block([[K, J.T], [J, np.zeros((len(J), len(J)))]])
         drive = np.zeros((len(system), robot.n_a))
