@@ -13,7 +13,7 @@ from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
 from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, Window, map_axes, map_point, survey_window
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
-from framework.atlas.workspace_map import BAND_ROWS, _coarse_stride, workspace_map
+from framework.atlas.workspace_map import MAX_COARSE_STRIDE, _coarse_stride, workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each
@@ -59,7 +59,7 @@ def test_coarse_poses_are_as_far_apart_as_neighbours_may_be_and_no_farther(size)
     seen = window(robot, size)
     stride, edge = _coarse_stride(robot, seen), seen.cell.max() / robot.length
     assert stride == 1 or stride * edge <= MAX_NEIGHBOUR_DISTANCE
-    assert stride == BAND_ROWS or 2 * stride * edge > MAX_NEIGHBOUR_DISTANCE
+    assert stride == MAX_COARSE_STRIDE or 2 * stride * edge > MAX_NEIGHBOUR_DISTANCE
 
 
 def test_one_motor_with_a_torque_limit_is_enough_to_ask_what_the_motors_hold():
