@@ -134,16 +134,9 @@ def linearise_variants(
         of_springs = dict(zip(robot.elastic_names, stiffness / robot.stiffness, strict=True))
         factors = [of_springs.get(name.removeprefix("spring "), 1.0) for name in names]
         like = like or (models[0] if models else None)
-        choice = like.choice if like else _choose_on_path(reference, varied, changes)
+        choice = like.choice if like else _choose_coordinates(reference, varied, changes)
         models.append(_reduce(reference, disturbances, names, varied, forces * factors, changes, choice))
     return models
-
-
-def _choose_on_path(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
-    """Choose the coordinates at CHOICE_INSTANTS of the plan, see `_choose_coordinates`."""
-    spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
-    at_some = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
-    return _choose_coordinates(reference, E[:, spread], at_some)
 
 
 def _reduce(
@@ -277,7 +270,7 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
 
 
 def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
-    """Choose the coordinates w, and which are in static balance, from T instants.
+    """Choose the coordinates w, and which are in static balance, at CHOICE_INSTANTS of the plan.
 
     At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
     other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
@@ -286,6 +279,9 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     """
     robot = reference.robot
     n, d = robot.n, robot.n + robot.n_e
+    spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
+    E = E[:, spread]
+    changes = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
     largest = (2 * np.pi * MAX_MODE_SHARE / reference.period) ** 2  # square of a frequency [rad^2/s^2]
     motors, others = _motors_of_springs(robot, changes)
     fast: set[int] = set()  # deflections in static balance whatever their own frequency
