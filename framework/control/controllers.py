@@ -324,7 +324,7 @@ class ComputedTorque:
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)
         # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
-        J_T = scale_jacobian(robot, motion.loops, robot.loop_rotation).transpose(0, 2, 1)
+        J_T = scale_jacobian(robot, motion.loops, robot.loop_lengths).transpose(0, 2, 1)
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
 

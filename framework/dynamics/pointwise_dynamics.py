@@ -194,7 +194,8 @@ def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) ->
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     """Return the error for a pose x (n,) at Type 2; `torque` continues the message "torque ..."."""
     return SingularPose(
-        f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
+        f"at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
+        name=robot.name,
         platform=x,
     )
 
@@ -250,7 +251,7 @@ class _TaylorMotion(NamedTuple):
         """
         x = self.x[0]
         return SingularPose(
-            f"{self.robot.name}: at {self.robot.place(x)} {reason}", platform=x, wrench=wrench
+            f"at {self.robot.place(x)} {reason}", name=self.robot.name, platform=x, wrench=wrench
         )
 
     def evaluate(self, times: Array) -> Motion:
