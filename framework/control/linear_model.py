@@ -157,8 +157,7 @@ def _reduce(
     f = equations.V.swapaxes(1, 2) @ forces  # on w
     L_f = np.linalg.solve(equations.K[:, b[:, None], b], f[:, b])
     f_h = f[:, h] - equations.K[:, h[:, None], b] @ L_f
-    A, B = _state_equations(condensed, f_h)
-    F, G = _discretise(A, B, reference.period)
+    A, B, F, G = _state_equations(condensed, f_h, reference.period)
 
     # joints by z: w = (h, l) by z, y = V w, dq = T y
     m = len(h)
@@ -182,28 +181,27 @@ def _reduce(
     )
 
 
-def _state_equations(condensed: _Condensed, f_h: Array) -> tuple[Array, Array]:
-    """Return A (K, N, N) and B (K, N, n_a) of z = (h, h', theta), for forces f_h (K, m, p) of theta."""
-    count, m, n_a = condensed.B.shape
-    inverse = np.linalg.inv(condensed.M)
-    N = 2 * m + f_h.shape[2]
-    A, B = np.zeros((count, N, N)), np.zeros((count, N, n_a))
-    A[:, :m, m : 2 * m] = np.eye(m)
-    A[:, m : 2 * m] = inverse @ np.concatenate([-condensed.K, -condensed.D, f_h], axis=2)
-    B[:, m : 2 * m] = inverse @ condensed.B
-    return A, B
+def _state_equations(condensed: _Condensed, f_h: Array, period: float) -> tuple[Array, Array, Array, Array]:
+    """Return A, B, F and G of z = (h, h', theta), for forces f_h (K, m, p) of theta.
 
-
-def _discretise(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """Return F (K, N, N) and G (K, N, n_a) of one period, with A and B in its middle and constant torque."""
+    F (K, N, N) and G (K, N, n_a) advance z by one period, with A and B in its middle and constant torque.
+    They are parts of the exponential of [A, B; 0, 0].
+    """
     from scipy.linalg import expm
 
-    count, N, n_a = B.shape
+    count, m, n_a = condensed.B.shape
+    N = 2 * m + f_h.shape[2]
+    inverse = np.linalg.inv(condensed.M)
     generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
-    generator[:, :N] = np.concatenate([A, B], axis=2)
+    generator[:, :m, m : 2 * m] = np.eye(m)
+    by_state_and_torque = np.concatenate([-condensed.K, -condensed.D, f_h, condensed.B], axis=2)
+    generator[:, m : 2 * m] = inverse @ by_state_and_torque
     middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])
     transition = expm(middle * period)
-    return transition[:, :N, :N], transition[:, :N, N:]
+    parts = (generator, transition)
+    A, F = (matrix[:, :N, :N] for matrix in parts)
+    B, G = (matrix[:, :N, N:] for matrix in parts)
+    return A, B, F, G
 
 
 def _transform(

@@ -115,7 +115,12 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate a task by steps of one length under the torque in their middle; see `Stepper`."""
     robot = task.equations.robot
-    count = _count_steps(task.duration, settings.step)
+    steps = task.duration / settings.step
+    if not steps <= MAX_STEPS:
+        raise InvalidInput(
+            f"step: {settings.step!r} s makes more than {MAX_STEPS} steps of {task.duration:g} s"
+        )
+    count = max(1, int(np.ceil(steps - SAME_PLACE)))
     if count < 2:  # the error is estimated from second differences
         raise InvalidInput(
             f"step: {settings.step:g} s is too long for {task.duration:g} s; take at least 2 steps"
@@ -186,18 +191,6 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
             if record.add_step(piece, work, abs(work)):
                 break
     return Cubics(robot, edges[: len(states)], *stack_states(states))
-
-
-def _count_steps(length: float, step: float) -> int:
-    """Count the steps no longer than `step` [s] that cover `length` [s].
-
-    Raises:
-        InvalidInput: there are more than MAX_STEPS.
-    """
-    count = length / step
-    if not count <= MAX_STEPS:
-        raise InvalidInput(f"step: {step!r} s makes more than {MAX_STEPS} steps of {length:g} s")
-    return max(1, int(np.ceil(count - SAME_PLACE)))
 
 
 def integrate_task(task: IntegrationTask, settings: MethodSettings) -> Integration:
