@@ -448,7 +448,7 @@ def dynamics_derivatives(
     if robot.n_a > robot.n:
         # dG k: torques t = G k of least norm are computed like the motors' speeds at the rates k of x, and
         # change like these speeds at constant rates
-        inverse: Array = np.linalg.pinv(speeds.swapaxes(1, 2))
+        inverse = np.asarray(np.linalg.pinv(speeds.swapaxes(1, 2)), dtype=float)
         k = matvec(inverse, joint_torque / robot.gear_ratio)
         at_rest = np.zeros_like(k)
         at_k = motion_at(robot, ClosedStack(motion.q, prescribed.x, motion.linearised), k, at_rest)
