@@ -22,19 +22,21 @@ import numpy as np
 from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Path
+from framework.numerics.arrays import LEAST_DIVISOR
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.peak_bound import bound_peak, find_refuting_bound
+from framework.planning.optimal.peak_bound import bound_peak
 from framework.planning.options import takes_options
 from framework.planning.plan import plan_request
 from framework.planning.refusals import SearchEvidence
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, search_path
-from framework.tolerances import LIMIT_MARGIN
+from framework.tolerances import BOUND_MARGIN, LIMIT_MARGIN
 
 # Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
 BRACKET_RATIO = 2.0 * LIMIT_MARGIN
+MAX_MULTIPLE = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,25 +153,16 @@ class _Multiples:
         wrenches = self.request.external_wrenches.times(multiple)
         return replace(self.request, wrenches=wrenches.document or None)
 
-    def _task(self, multiple: float) -> Task | None:
-        """Return the task of the programs under a multiple; None if the path has no point to cross."""
+    def bound_peaks(self, multiple: float) -> float:
+        """Compute a bound on the peaks of all laws over the limits under a multiple; 0 if none is known."""
         request = self._request(multiple)
         try:
             to_cross = path_to_cross(self.searched, request)
         except NoAnswer:
-            return None
-        return Task(to_cross, request, specification_of(self.robot, request))
-
-    def bound_peaks(self, multiple: float) -> float:
-        """Compute a bound on the peaks of all laws over the limits under a multiple; 0 if none is known."""
-        task = self._task(multiple)
-        bound = None if task is None else bound_peak(task, task.specification.torque_limit)
+            return 0.0
+        specification = specification_of(self.robot, request)
+        bound = bound_peak(Task(to_cross, request, specification), specification.torque_limit)
         return 0.0 if bound is None else bound.value
-
-    def is_impossible(self, multiple: float) -> bool:
-        """Return whether a bound on the peaks of all laws exceeds the limits under a multiple."""
-        task = self._task(multiple)
-        return task is not None and find_refuting_bound(task) is not None
 
     def try_multiple(self, capacity: Capacity, multiple: float) -> Capacity:
         """Plan under a multiple; return the capacity updated by the outcome."""
@@ -192,15 +185,14 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     Args:
         capacity: that of the multiple 0, with its plan.
     """
-    max_multiple = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
     multiple = 1.0
     peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
     bound = _bound_end(task)
-    if bound is not None and bound[0] < max_multiple:
+    if bound is not None:
         end, slope = bound
         peaks.append((2.0 * end, 1.0 + slope * end))  # where the bound refuses
         multiple = 1.05 * end  # clearly refused: beside the end searches are long
-    while 1.0 / max_multiple <= multiple <= max_multiple:
+    while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
         capacity = task.try_multiple(capacity, multiple)
         evidence = getattr(capacity.refusal, "evidence", None)
         if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
@@ -219,18 +211,15 @@ def _bound_end(task: _Multiples) -> tuple[float, float] | None:
 
     The bound is nearly linear in the multiple, so that two or three secants suffice. None without a bound.
     """
-    max_secants = 5
     last, last_peak, multiple = 0.0, 0.0, 1.0  # unloaded, a slow motion may take no torque
-    for _ in range(max_secants):
-        peak = task.bound_peaks(multiple)  # over the limits
+    for _ in range(5):
+        peak = task.bound_peaks(multiple)
         slope = (peak - last_peak) / (multiple - last)
-        if not (peak > 0.0 and slope > 0.0):
-            return None
         if abs(peak - 1.0) < LIMIT_MARGIN:
             return multiple, slope
-        last, last_peak, multiple = multiple, peak, multiple + (1.0 - peak) / slope
-        if multiple <= 0.0:
-            return None
+        last, last_peak, multiple = multiple, peak, multiple + (1.0 - peak) / max(slope, LEAST_DIVISOR)
+        if not 0.0 < multiple < MAX_MULTIPLE:  # also without a bound
+            break
     return None
 
 
@@ -263,5 +252,5 @@ def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in impossible_ratios)
-    impossible = next((multiple for multiple in multiples if task.is_impossible(multiple)), np.inf)
-    return replace(capacity, impossible=impossible)
+    refuted = (multiple for multiple in multiples if task.bound_peaks(multiple) > 1.0 + BOUND_MARGIN)
+    return replace(capacity, impossible=next(refuted, np.inf))

@@ -144,7 +144,6 @@ def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, bo
         return plan
 
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", planned)
-    monkeypatch.setattr("framework.fidelity.capacity.find_refuting_bound", lambda task: "a proof")
     robot, path = five_bar()
     found = largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
     assert found.multiple <= 5.3 < found.refused <= 1.001 * found.multiple
