@@ -87,9 +87,7 @@ NO_SENSORS = (
 )
 NO_TRIAL = "no sensors pass in all trial runs: {}"
 SWEPT = 6  # values of a sweep
-# In a stored chunk, at most: an interrupted study loses no more of them. The runs of a chunk share each call,
-# so that 40 runs in two chunks take a third longer than in one.
-STORED_RUNS = 50
+STORED_RUNS = 25  # in a stored chunk, at most: an interrupted study loses no more of them
 MAX_RUNS = 1_000_000
 
 

@@ -297,7 +297,7 @@ def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
-def test_runs_are_stored_in_chunks_of_at_most_50(tmp_path, monkeypatch):
+def test_runs_are_stored_in_chunks_of_at_most_25(tmp_path, monkeypatch):
     chunks, whole = [], study_module.run_chunk
 
     def one_run(controller, loop, spread, seed, chunk, *rest):
@@ -310,9 +310,9 @@ def test_runs_are_stored_in_chunks_of_at_most_50(tmp_path, monkeypatch):
         }
 
     monkeypatch.setattr(study_module, "run_chunk", one_run)
-    words = [*SHORT, "--runs", "120", "--period", "1e-2", "--workers", "1", "--out", str(tmp_path)]
+    words = [*SHORT, "--runs", "60", "--period", "1e-2", "--workers", "1", "--out", str(tmp_path)]
     assert main(words) == 130
-    assert chunks == [50, 50]
+    assert chunks == [25, 25]
     assert len(list(tmp_path.rglob("*.npz"))) == 1
 
 
