@@ -270,7 +270,6 @@ def read_urdf(
     _close_joints_of_other_programs(tree, elements)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
-    tree.add_two_joint_transmissions()
     is_closed = tree.closures or tree.couplings or options.closures
     if not is_closed and root.find("joint/mimic") is None:
         unread = "".join(f"{linkage}; " for linkage in tree.unread_transmissions)
