@@ -37,7 +37,6 @@ from framework.model.description import (
 )
 from framework.model.documents import parse_numbers, prefix_errors
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
-from framework.model.robot_keys import merge_joint_dynamics
 from framework.model.urdf_edits import urdf_text
 from framework.model.urdf_elements import (
     PACKAGE,
@@ -263,7 +262,7 @@ def _choose_name(of_model: str, file: Path) -> str:
 
 def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
     """Return the dynamics of moving coordinates as the dialect states, else as the URDF's <dynamics> does."""
-    dynamics = merge_joint_dynamics(declared_dynamics(tree), {}) | tree.dynamics
+    dynamics = declared_dynamics(tree) | tree.dynamics
     moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
     for name, value in moving.items():
         if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
