@@ -8,10 +8,9 @@ These are the dimensions of the robot. Parameters are the dimensions themselves 
 robot file's `parameters`, on which dimensions depend; three numbers of each fixture (`fixtures`) come behind.
 
 At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
-plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = closing_step + joint_slopes dp +
-free_motions z with any z (`_LinearLoops`). Least squares on the measurements determines z, and the remaining
-equations contain only the parameters p. These equations are regular at Type 2 singularities, and treat the
-noise of motors like that of the platform.
+plus noise. The linearised loops leave free motions z. Least squares on the measurements determines z, and the
+remaining equations contain only the parameters p (`eliminate_poses`). These equations are regular at Type 2
+singularities, and treat the noise of motors like that of the platform.
 """
 
 from __future__ import annotations
@@ -438,6 +437,7 @@ class ParameterEquations(NamedTuple):
     loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
     joint_step: Array  # (T, k) [rad, m] steps of the joints at constant parameters
     joint_slopes: Array  # (T, k, p) further steps of the joints for unit steps of the parameters
+    per_instant: int  # equations of an instant that are left: eliminating a pose uses up one for each motor
 
 
 def eliminate_poses(
@@ -445,10 +445,13 @@ def eliminate_poses(
 ) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    The dimensions are the elastic joints of the model, then lengths. After steps dp of them and z (T, f)
-    along the f free motions of the closed loops, the offsets over their noise are r + A dp + B z. Least
-    squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and
-    Pereyra 1973).
+    F_q and F_p are the derivatives of the r loop equations F along the k joints [rad, robot lengths] and the
+    p parameters. With F_q = U S V', the first columns of U and V, as many as the rank, give the steps of the
+    joints that keep the loops closed, dq = -F_q^+ (F + F_p dp) + free z. The other columns of V are the f
+    free motions, and those of U the combinations of loop equations that no joint can close.
+
+    The offsets over their noise are then r + A dp + B z. Least squares gives z = -B^+ (r + A dp), and
+    (1 - B B^+) (r + A dp) remains (variable projection, Golub and Pereyra 1973).
 
     Args:
         measured: m measurements at the T instants, with their standard deviations `noise` (m,).
@@ -457,20 +460,34 @@ def eliminate_poses(
     model = geometry.with_lengths(values)
     frames = frames_at(model, q)
     scale = model.column_scale[model.joints]  # (k,) units of the k joints of the robot itself
-    loops = _solve_linear_loops(geometry, model, frames)
+    by_parameters = geometry.slopes(values)  # (g, p) of the dimensions: elastic joints of the model, lengths
+
+    # the linearised loops, dimensionless
+    loops = loop_equations(model.rows, frames)
+    weights = 1.0 / model.row_lengths  # (r,)
+    gap = weights * loops.residual  # (T, r) F
+    jacobian = weights[:, None] * loops.jacobian
+    F_q = jacobian[:, :, model.joints] * scale  # (T, r, k)
+    by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(q), 1, 1))
+    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2) @ by_parameters  # (T, r, p)
+    U, S, V_rows = np.linalg.svd(F_q)
+    rank = len(model.structure.independent)
+    U_rows, V = U.swapaxes(1, 2), V_rows.swapaxes(1, 2)
+    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r) pseudo-inverse of F_q
+    unreachable = U_rows[:, rank:] / LOOP_GAP  # (T, rows, r)
+    closing_step = -np.matvec(inverse, gap)  # (T, k)
+    joint_slopes = -inverse @ F_p  # (T, k, p)
+    free_motions = V[:, :, rank:]  # (T, k, f)
 
     # the offsets over their noise, and their slopes along joints and parameters
     offsets, slopes, by_fixtures = measurement_offsets(geometry, model, measured, frames, values)
     slopes = slopes / measured.noise[:, None]  # (T, m, nv)
     by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
-    r = offsets / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
+    r = offsets / measured.noise + np.matvec(by_joints, closing_step)  # (T, m)
     # a parameter acts directly, and through the joints that move to keep the loops closed
-    A = by_joints @ loops.joint_slopes  # (T, m, g)
-    A[:, :, : len(model.elastic)] += slopes[:, :, model.elastic]
-    to_dimensions = geometry.slopes(values)  # (g, p)
-    A = A @ to_dimensions  # (T, m, p)
+    A = by_joints @ joint_slopes + slopes[:, :, model.elastic] @ by_parameters[: model.n_e]  # (T, m, p)
     A[:, :, len(geometry.names) - by_fixtures.shape[2] :] += by_fixtures / measured.noise[:, None]
-    B = by_joints @ loops.free_motions  # (T, m, f)
+    B = by_joints @ free_motions  # (T, m, f)
 
     # eliminate z
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
@@ -479,51 +496,9 @@ def eliminate_poses(
     return ParameterEquations(
         residual=r - np.matvec(B, minus_z),
         matrix=A - B @ minus_z_slope,
-        loop_residual=loops.loop_residual,
-        loop_slopes=loops.loop_slopes @ to_dimensions,
-        joint_step=scale * (loops.closing_step - np.matvec(loops.free_motions, minus_z)),
-        joint_slopes=scale[:, None]
-        * (loops.joint_slopes @ to_dimensions - loops.free_motions @ minus_z_slope),
-    )
-
-
-class _LinearLoops(NamedTuple):
-    """Solutions of the linearised loops for k joints, [rad, robot lengths].
-
-    They are dq = closing_step + joint_slopes dg + free_motions z, any z (f,), for steps dg of dimensions.
-    """
-
-    closing_step: Array  # (T, k) of least norm that closes the loops at constant parameters
-    joint_slopes: Array  # (T, k, g) steps that keep the loops closed for unit steps of the dimensions
-    free_motions: Array  # (T, k, f) orthonormal motions that keep the loops closed
-    loop_residual: Array  # (T, rows) of loop equations that no joint can close, over LOOP_GAP
-    loop_slopes: Array  # (T, rows, g) derivatives of `loop_residual` along the dimensions
-
-
-def _solve_linear_loops(geometry: Geometry, model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
-    """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
-
-    F_q and F_p are the derivatives of the r loop equations along the k joints and the g dimensions. The first
-    columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns of V are
-    the free motions. The other columns of U are the combinations of loop equations that no joint can close.
-    """
-    loops = loop_equations(model.rows, frames)
-    weights = 1.0 / model.row_lengths  # (r,) make the equations dimensionless
-    residual = weights * loops.residual
-    jacobian = weights[:, None] * loops.jacobian
-    F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
-    by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(frames.q), 1, 1))
-    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2)  # (T, r, g)
-    U, S, V_rows = np.linalg.svd(F_q)
-    rank = len(model.structure.independent)
-    U_rows = U.swapaxes(1, 2)
-    V = V_rows.swapaxes(1, 2)
-    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r) pseudo-inverse of F_q
-    unreachable = U_rows[:, rank:] / LOOP_GAP  # (T, rows, r)
-    return _LinearLoops(
-        closing_step=-np.matvec(inverse, residual),
-        joint_slopes=-inverse @ F_p,
-        free_motions=V[:, :, rank:],
-        loop_residual=np.matvec(unreachable, residual),
+        loop_residual=np.matvec(unreachable, gap),
         loop_slopes=unreachable @ F_p,
+        joint_step=scale * (closing_step - np.matvec(free_motions, minus_z)),
+        joint_slopes=scale[:, None] * (joint_slopes - free_motions @ minus_z_slope),
+        per_instant=len(measured.names) - model.n_a,
     )

@@ -196,7 +196,35 @@ class Mechanism(ReadOnlyArrays):
         Raises:
             InvalidInput: a loop of another kind, or a coupling between joints, which pinocchio does not have.
         """
-        return _constraint_models(self)
+        model, description = self.model, self.description
+        if description.couplings:
+            raise InvalidInput(
+                f"{self.name}: {description.couplings[0].name} couples joints, and pinocchio's constraints "
+                f"hold points and poses"
+            )
+        constraints = []
+        for closure in description.closures:
+            ends = [model.frames[frame_index(model, frame)] for frame in closure.frames]
+            locked = set(closure.axes)
+            free = [k for k, turn in enumerate(AXES[3:]) if turn not in locked]  # turns
+            if not locked >= set(AXES[:3]) or len(free) == 2:
+                raise InvalidInput(
+                    f"{self.name}: loop {closure.name} locks {', '.join(closure.axes)}; pinocchio's "
+                    f"constraints hold points and poses (kinds spherical, fixed, revolute)"
+                )
+            kind = pin.ContactType.CONTACT_3D if free else pin.ContactType.CONTACT_6D
+            offsets = [np.zeros(3)]  # of the points that coincide; a hinge is two points of its axis
+            if len(free) == 1:
+                offsets.append(self.length * np.eye(3)[free[0]])
+            for offset in offsets:
+                shift = pin.SE3(np.eye(3), offset)
+                (first, pose), (second, other) = ((end.parentJoint, end.placement * shift) for end in ends)
+                constraint = pin.RigidConstraintModel(
+                    kind, model, first, pose, second, other, pin.ReferenceFrame.LOCAL
+                )
+                constraint.name = closure.name
+                constraints.append(constraint)
+        return constraints
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
@@ -287,10 +315,19 @@ class Mechanism(ReadOnlyArrays):
             sliding[joint.idx_v] = is_slide(joint)
         return read_only(sliding)
 
+    def unit_lengths(self, turning: BoolArray) -> Array:
+        """Return the unit of k numbers: 1 rad if `turning` (k,), else the length [m] of the mechanism."""
+        return np.where(turning, 1.0, self.length)
+
     @cached_property
     def column_scale(self) -> Array:
         """Characteristic size of each column, (nv,): length of the mechanism for slides, 1 for turns."""
-        return read_only(np.where(self.sliding, self.length, 1.0))
+        return read_only(self.unit_lengths(~self.sliding))
+
+    @cached_property
+    def row_lengths(self) -> Array:
+        """Characteristic size of each loop equation, (rows,): mechanism length [m], 1 for rotations."""
+        return read_only(self.unit_lengths(self.rows.rotation))
 
     @property
     def joint_ranges(self) -> Array:
@@ -446,39 +483,6 @@ def frame_index(model: pin.Model, name: str) -> int:
     kinds = (pin.FrameType.BODY, pin.FrameType.JOINT)
     kind = next((kind for kind in kinds if model.existFrame(name, kind)), None)
     return int(model.getFrameId(name) if kind is None else model.getFrameId(name, kind))
-
-
-def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:
-    """Return the loops as pinocchio's constraints, see `Mechanism.constraint_models`."""
-    model, description = mechanism.model, mechanism.description
-    if description.couplings:
-        raise InvalidInput(
-            f"{mechanism.name}: {description.couplings[0].name} couples joints, and pinocchio's constraints "
-            f"hold points and poses"
-        )
-    constraints = []
-    for closure in description.closures:
-        ends = [model.frames[frame_index(model, frame)] for frame in closure.frames]
-        locked = set(closure.axes)
-        free = [k for k, turn in enumerate(AXES[3:]) if turn not in locked]  # turns
-        if not locked >= set(AXES[:3]) or len(free) == 2:
-            raise InvalidInput(
-                f"{mechanism.name}: loop {closure.name} locks {', '.join(closure.axes)}; pinocchio's "
-                f"constraints hold points and poses (kinds spherical, fixed, revolute)"
-            )
-        kind = pin.ContactType.CONTACT_3D if free else pin.ContactType.CONTACT_6D
-        offsets = [np.zeros(3)]  # of the points that coincide; a hinge is two points of its axis
-        if len(free) == 1:
-            offsets.append(mechanism.length * np.eye(3)[free[0]])
-        for offset in offsets:
-            shift = pin.SE3(np.eye(3), offset)
-            (first, pose), (second, other) = ((end.parentJoint, end.placement * shift) for end in ends)
-            constraint = pin.RigidConstraintModel(
-                kind, model, first, pose, second, other, pin.ReferenceFrame.LOCAL
-            )
-            constraint.name = closure.name
-            constraints.append(constraint)
-    return constraints
 
 
 def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:

@@ -279,21 +279,22 @@ def _branch_end_error(
     place = f"at s = {s:.6g}, {robot.place(x)}"
     if _closes_beyond(robot, path, last):
         return Type1Singularity(
-            f"{robot.name}: {subject} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
+            f"{subject} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
             f"or folded there and could go on in another working mode",
+            name=robot.name,
             s=s,
             platform=x,
             joint=joint,
         )
     return OutOfReach(
-        f"{robot.name}: {subject} leaves the workspace {place}: the leg of {joint} cannot follow"
-        + remark_on_reach(robot, path(1.0)[robot.platform.sliding]),
+        f"{subject} leaves the workspace {place}: the leg of {joint} cannot follow",
+        name=robot.name,
         q=last.q[0],
         residual=float(np.abs(linearised.residual).max()),
         s=s,
         platform=x,
         joint=joint,
-    )
+    ).adding(remark_on_reach(robot, path(1.0)[robot.platform.sliding]))
 
 
 def _longest_reach(robot: ParallelRobot) -> float:
@@ -315,7 +316,7 @@ def _longest_reach(robot: ParallelRobot) -> float:
 
 
 def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
-    """Return a remark on a platform out of reach of the links; empty if within reach.
+    """Return a clause on a platform out of reach of the links; empty if within reach.
 
     `position` has the prescribed translations of the platform's origin [m].
     """
@@ -323,7 +324,7 @@ def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
     if distance <= reach:
         return ""
     return (
-        f"; points are in m: {point(position)} is {distance:.4g} m from the base, "
+        f"points are in m: {point(position)} is {distance:.4g} m from the base, "
         f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
         f"{reach:.3g} m"
     )
@@ -363,8 +364,9 @@ def uncontrolled_error(
     """Return the error for `count` uncontrolled motions at s and platform x (n,), with a `reason`."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
-        f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
+        f"{words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
         f"{robot.place(x)}: {reason}",
+        name=robot.name,
         s=s,
         platform=x,
         count=count,

@@ -252,8 +252,7 @@ def _advise_on_parts(partial: PartialRobot) -> str:
         is_part = 1 < carried_motors < len(motor_paths) and has_whole_loops
         if is_part and partial.is_answered(base=joint.child):
             return f"take a part of the robot (such as --base {joint.child}), "
-    # to lock all loops that share no joint with the first one; if they have motors, these are enough
-    tree, description = partial.tree, partial.description
+    # lock all loops that share no joint with the first one; if they have motors, these are enough
     # each group: joints of loops that share joints, directly or through others; no group without closures
     groups = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures)
     first_group, *others = groups or [[]]

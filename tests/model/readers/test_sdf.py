@@ -436,9 +436,10 @@ def test_a_model_that_is_not_found_is_named_where_its_joint_is_missing(tmp_path)
 def test_limits_without_a_size_are_none(tmp_path, size):
     limit = f"<limit><lower>-{size}</lower><upper>{size}</upper></limit>"
     text = five_bar().replace(axis(), axis(limit), 1)
+    said = {"platform": "tip_1", "axes": ["x", "y"], "motors": ["left_motor", "right_motor"]}
     (tmp_path / "robot.sdf").write_text(text)
-    described = parse_any(tmp_path / "robot.sdf", propose=propose)
+    described = parse_any(tmp_path / "robot.sdf", **said)
     assert described.tree.joints["left_motor"].kind == "continuous"
     (tmp_path / "robot.sdf").write_text(text.replace(f"-{size}", "-0.5"))
-    described = parse_any(tmp_path / "robot.sdf", propose=propose)
+    described = parse_any(tmp_path / "robot.sdf", **said)
     assert described.tree.joints["left_motor"].limits == (-0.5, 1e9)

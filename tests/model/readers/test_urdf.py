@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from framework import Mechanism, ParallelRobot, RobotFileError, assemble, dynamics_at
-from framework.kinematics.assembly import all_loops_matrix
+from framework.kinematics.assembly import loops_at
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import locked_axes
 from framework.model.readers import parse_any, read_any
@@ -285,7 +285,7 @@ def test_of_motors_on_all_joints_those_are_taken_that_tell_the_freedoms_apart_be
     gains = {}  # of the motors' rates at the fastest motion of all joints of length 1
     for pair in combinations(POSE, 2):
         robot = ParallelRobot.from_description(read_any(tmp_path / "robot.urdf", motors=pair, **said))
-        loops = all_loops_matrix(robot, robot.reference.q)
+        loops = loops_at(robot, robot.reference.q).jacobian
         motions = np.linalg.svd(loops)[2][np.linalg.matrix_rank(loops, tol=1e-9) :].T
         gains[pair] = np.linalg.svd(motions[robot.actuated], compute_uv=False)[-1]
     assert max(gains, key=gains.get) == chosen
