@@ -26,7 +26,6 @@ from framework.model.description import (
     Closure,
     Coupling,
     FrameWrench,
-    JointDynamics,
     KeptLevel,
     LineSpring,
     Platform,

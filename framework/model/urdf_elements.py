@@ -71,7 +71,7 @@ class Joint:
     child: str = ""  # link
     effort: float = ENDLESS  # largest [N m, N], and the largest speed [per s]; neither is a limit of a motor
     speed: float = ENDLESS
-    dynamics: JointDynamics = JointDynamics()  # damping and friction
+    dynamics: JointDynamics = field(default_factory=JointDynamics)  # damping and friction
     mimic: Coupling | None = None  # of a joint of one freedom
     element: Element | None = None  # of the file, written again as it is; None once the joint has changed
 
