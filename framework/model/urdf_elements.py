@@ -71,7 +71,7 @@ class Joint:
     child: str = ""  # link
     effort: float = ENDLESS  # largest [N m, N], and the largest speed [per s]; neither is a limit of a motor
     speed: float = ENDLESS
-    dynamics: JointDynamics = field(default_factory=JointDynamics)  # damping and friction
+    dynamics: JointDynamics = field(default_factory=JointDynamics)  # along each coordinate
     mimic: Coupling | None = None  # of a joint of one freedom
     element: Element | None = None  # of the file, written again as it is; None once the joint has changed
 
@@ -483,7 +483,7 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
 
 
 def declared_dynamics(tree: Tree) -> dict[str, JointDynamics]:
-    """Return damping and dry friction of <dynamics> where they are not zero, by coordinate."""
+    """Return the dynamics of joints where they are not zero, by coordinate."""
     joints = [joint for joint in tree.joints.values() if joint.dynamics != JointDynamics()]
     return {coordinate: joint.dynamics for joint in joints for coordinate in joint.coordinates}
 

@@ -97,7 +97,7 @@ _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the
 
 
 class _Joint(NamedTuple):
-    """A joint with its motions, their dynamics, and its placements in both links."""
+    """A joint with its motions, and its placements in both links."""
 
     name: str  # scoped, see `sdf_scope`
     element: Element
@@ -106,7 +106,6 @@ class _Joint(NamedTuple):
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
     # of one freedom each, in the joint's frame; a fixed joint or a ball has one motion, without an axis
     motions: list[Joint]
-    dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
     def chain_from(self, link: str) -> tuple[list[Joint], str, Array]:
         """Return the joints of a URDF that lead from one link of the joint to the other.
@@ -153,7 +152,6 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     for joint in joints:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree.movable)
-            tree.dynamics |= joint.dynamics
         else:
             _close_cut_joint(tree, joint)
             _report_cut_properties(tree, joint)
@@ -163,7 +161,8 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
 def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
     """Report dynamics and mimic of a joint that becomes a closure, as acting on its child."""
     _, child = joint.links
-    properties = {"dynamics": bool(joint.dynamics), "mimic": _has_property(joint.element, "mimic")}
+    has_dynamics = any(motion.dynamics != JointDynamics() for motion in joint.motions)
+    properties = {"dynamics": has_dynamics, "mimic": _has_property(joint.element, "mimic")}
     for name, is_stated in properties.items():
         if is_stated:
             text = f"joint {joint.name!r}: its {name}, where the loop is cut"
@@ -239,22 +238,18 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
         invert_placement(scope.placement_of(parent_link)) @ on_parent,
         invert_placement(scope.placement_of(child_link)) @ on_child,
     )
-    motions, dynamics = _read_motions(scope, name, kind)
-    return _Joint(name, element, kind, links, placements, motions, dynamics)
+    return _Joint(name, element, kind, links, placements, _read_motions(scope, name, kind))
 
 
-def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[Joint], dict[str, JointDynamics]]:
-    """Read the motions of one freedom of a joint of this kind, and their dynamics by name of the motion."""
+def _read_motions(scope: Scope, name: str, kind: str) -> list[Joint]:
+    """Read the motions of one freedom of a joint of this kind."""
     element = scope.joints[name]
     motions = []
-    dynamics: dict[str, JointDynamics] = {}
     for suffix, motion, tag in _MOTIONS_OF_KIND.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
-        limits = _read_limits(element, name, tag)
-        motions.append(Joint(name + suffix, motion, axis=axis, limits=limits))
-        if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
-            dynamics[name + suffix] = acting
-    return motions or [Joint(name, kind)], dynamics
+        limits, dynamics = _read_limits(element, name, tag), _read_dynamics(element, name, tag)
+        motions.append(Joint(name + suffix, motion, axis=axis, limits=limits, dynamics=dynamics))
+    return motions or [Joint(name, kind)]
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:

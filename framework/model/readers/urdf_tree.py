@@ -322,7 +322,6 @@ class UrdfTree(Tree):
         self.line_springs: list[LineSpring] = []
         self.transmissions: list[Transmission] = []
         self.likely_motors: list[str] = []
-        self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
         self.gravity = (0.0, 0.0, -9.81)
         self.reference: dict[str, float] = {}  # by coordinate
         self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in complaints]
@@ -495,7 +494,8 @@ class UrdfTree(Tree):
             if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
         motions = [
-            Joint(name, "continuous", axis=unit_vector(axis)) for name, axis in zip(names, axes, strict=True)
+            Joint(name, "continuous", axis=unit_vector(axis), dynamics=joint.dynamics)
+            for name, axis in zip(names, axes, strict=True)
         ]
         motions[0] = replace(motions[0], origin=joint.origin)
         del self.joints[joint.name]
