@@ -153,7 +153,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree.movable)
         else:
-            _close_cut_joint(tree, joint)
+            close_joint(tree, joint)
             _report_cut_properties(tree, joint)
     return describe(tree, file, options, "sdf")
 
@@ -220,10 +220,12 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
     return first, second
 
 
-def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
+def make_joint(scope: Scope, name: str) -> _Joint:
     """Make the joint `name` with its motions and its placement in each link.
 
-    `links` are the parent and the child.
+    Raises:
+        RobotFileError: the joint is malformed, or joins a link with itself.
+        InvalidInput: its axis is expressed in a frame that does not exist.
     """
     element = scope.joints[name]
     kind = _KIND_OF_TYPE.get(element.get("type", ""), "fixed")
@@ -233,6 +235,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
+    links = _links_of_joint(scope, name)
     parent_link, child_link = links
     placements = (
         invert_placement(scope.placement_of(parent_link)) @ on_parent,
@@ -333,7 +336,7 @@ def _joints_of_main_part(scope: Scope) -> list[_Joint]:
         return len(names) + mimics >= len(links), len(names)
 
     main_part = max(merge_overlapping(ends.values()), key=rank)
-    return [_make_joint(scope, name, ends[name]) for name in names_of_joints(main_part)]
+    return [make_joint(scope, name) for name in names_of_joints(main_part)]
 
 
 def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
@@ -429,18 +432,7 @@ def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | N
     return None if (lower, upper) == (-ENDLESS, ENDLESS) else (lower, upper)
 
 
-def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
-    """Close the loop of a joint in `scope`, between links of a tree.
-
-    Raises:
-        RobotFileError: the joint is malformed, joins a link with itself, or is of a type that is not read
-            where it closes a loop.
-        InvalidInput: its axis is expressed in a frame that does not exist.
-    """
-    _close_cut_joint(tree, _make_joint(scope, name, _links_of_joint(scope, name)))
-
-
-def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
+def close_joint(tree: UrdfTree, joint: _Joint) -> None:
     """Close the loop that is cut at a joint between two links of the tree.
 
     Raises:
