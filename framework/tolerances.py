@@ -742,3 +742,10 @@ MARGIN_STEP = 0.0125
 
 Where inertia dominates, the least time goes with 1 / sqrt(limits): what is left open costs 0.6 % of it.
 """
+
+MAX_TURNS = 20
+"""Turns of the platform along a path that are followed.
+
+The work grows with the turns, in each of which the robot may meet singular points: 80 take 20 s. Turns
+repeat, so that one of them tells all; a number in degrees, such as 400, is told at once.
+"""

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 
@@ -30,11 +30,12 @@ from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import child_element, read_origin, remove_children
+from framework.model.documents import read_origin, remove_children
 from framework.model.loop_rows import LoopRows
 from framework.model.placement import placement, rotation_about
 from framework.model.robot_file import read_robot_file
-from framework.model.urdf_edits import NewJoint, joint_element, origin_element
+from framework.model.urdf_edits import origin_element, urdf_text
+from framework.model.urdf_elements import Joint, Tree, read_tree
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
@@ -106,8 +107,7 @@ class Geometry(ReadOnlyArrays):
             else closure
             for closure in description.closures
         ]
-        urdf_text = tostring(urdf, encoding="unicode")
-        return replace(description, urdf_text=urdf_text, closures=tuple(closures))
+        return replace(description, urdf_text=tostring(urdf, encoding="unicode"), closures=tuple(closures))
 
     def with_lengths(self, values: Array) -> ParallelRobot:
         """Return the model with the lengths of closures changed by parameters (p,).
@@ -157,10 +157,9 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         InvalidInput: a name is not one of these.
     """
     description = robot.description
-    urdf = fromstring(description.urdf_text)
-    elements = elements_by_name(urdf, "joint")
+    tree = read_tree(fromstring(description.urdf_text))
     # choose joints that exist, in the order of the URDF
-    candidates = _joints_to_frames(description, elements)
+    candidates = _joints_to_frames(description, tree)
     with_length = [closure.name for closure in description.closures if closure.length is not None]
     numbers = tuple(name for name in description.parameters if name in (joints or ()))
     for name in joints or ():
@@ -173,13 +172,12 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     # place a spring of six virtual joints behind the origin of each joint
     springs = []
     for name in chosen:
-        is_fixed = elements[name].get("type") == "fixed"
-        origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
+        joint = tree.joints[name]
+        origin_joint = _insert_origin_joint(tree, joint) if joint.moves else name
         stiffness = (1.0,) * len(AXES)  # required, but without effect on the geometry
         springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, stiffness))
 
-    urdf_text = tostring(urdf, encoding="unicode")
-    with_errors = replace(description, urdf_text=urdf_text, springs=tuple(springs))
+    with_errors = replace(description, urdf_text=urdf_text(tree), springs=tuple(springs))
     return Geometry(
         robot=robot,
         model=ParallelRobot.from_description(with_errors, flexibility="flexible_joints"),
@@ -205,11 +203,10 @@ def _dimensions_with(
         description.file,
         {name: value + changes.get(name, 0.0) for name, value in description.parameters.items()},
     )
-    ours, theirs = (elements_by_name(fromstring(one.urdf_text), "joint") for one in (description, other))
+    ours, theirs = (read_tree(fromstring(one.urdf_text)).joints for one in (description, other))
     moves = []
     for name in joints:
-        before, after = (read_origin(elements[name], f"joint {name!r}") for elements in (ours, theirs))
-        move = np.linalg.solve(before, after)  # (4, 4)
+        move = np.linalg.solve(ours[name].origin, theirs[name].origin)  # (4, 4)
         R = move[:3, :3]  # of rotations about x, y, z in turn
         y = np.arcsin(np.clip(R[0, 2], -1.0, 1.0))
         moves.append([*move[:3, 3], np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
@@ -242,10 +239,8 @@ def _dependent_dimensions(
 
 def _other_geometry(description: RobotDescription) -> object:
     """Return all that decides poses besides joint origins and lengths of closures."""
-    axes = [
-        (joint.get("name"), "".join(axis.get("xyz", "") for axis in joint.findall("axis")))
-        for joint in fromstring(description.urdf_text).findall("joint")
-    ]
+    tree = read_tree(fromstring(description.urdf_text))
+    axes = [(joint.name, *joint.axis.tolist()) for joint in tree.joints.values()]
     gears = [(motor.joint, motor.gear_ratio) for motor in description.actuators]
     closures = [replace(closure, length=closure.length and 1.0) for closure in description.closures]
     return axes, gears, closures, description.couplings, description.platform
@@ -256,49 +251,22 @@ def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
     return {element.get("name", ""): element for element in urdf.findall(tag)}
 
 
-def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
-    """Return the joints between the base and the frames of platform and closures, in URDF order.
-
-    A frame is named by a link, or by a joint, which stands for its child link. From this link the search goes
-    from joint to joint up to the base. `elements` are the joints of the URDF by name.
-    """
-    parent_joints = {_link_name(element, "child"): name for name, element in elements.items()}  # by link
-    frames = [description.platform.frame]
-    for closure in description.closures:
-        frames += closure.frames
-    joints = set()
-    for frame in frames:
-        is_joint = frame not in parent_joints and frame in elements
-        link = _link_name(elements[frame], "child") if is_joint else frame
-        while link in parent_joints:
-            joint = parent_joints[link]
-            joints.add(joint)
-            link = _link_name(elements[joint], "parent")
-    return [name for name in elements if name in joints]
+def _joints_to_frames(description: RobotDescription, tree: Tree) -> list[str]:
+    """Return the joints between the base and the frames of platform and closures, in URDF order."""
+    frames = [description.platform.frame, *(frame for each in description.closures for frame in each.frames)]
+    joints = {joint.name for frame in frames for joint in tree.path_to_base(tree.link_of(frame))}
+    return [name for name in tree.joints if name in joints]
 
 
-def _link_name(joint: Element, end: str) -> str:
-    """Return the name of a joint's "parent" or "child" link; empty without one."""
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")
-
-
-def _insert_origin_joint(urdf: Element, joint: Element) -> str:
+def _insert_origin_joint(tree: Tree, joint: Joint) -> str:
     """Insert a fixed joint that takes over the origin of a moving one; return its name.
 
     A new link without mass lies between the fixed joint and the moving one, whose own origin is then zero.
     """
-    name = f"{joint.get('name')}_{PLACED}"
+    name = f"{joint.name}_{PLACED}"
     link = f"{name}_link"
-    SubElement(urdf, "link", name=link)
-    parent = child_element(joint, f"joint {joint.get('name')!r}", "parent")
-    origin = joint.find("origin")
-    fixed = joint_element(NewJoint(name, "fixed"), parent.get("link", ""), link)
-    parent.set("link", link)  # the moving joint now starts at the new link
-    if origin is not None:
-        joint.remove(origin)
-        fixed.append(origin)
-    urdf.append(fixed)
+    tree.put(Joint(name, "fixed", joint.origin, parent=joint.parent, child=link))
+    tree.put(replace(joint, origin=np.eye(4), parent=link, element=None))
     return name
 
 

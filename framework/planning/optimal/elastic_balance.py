@@ -110,7 +110,8 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
 def _no_law_near(task: Task) -> NotConverged:
     """Return the refusal of a task if no law near the best crosses in balance."""
     return NotConverged(
-        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular",
+        "no law near the best crosses where the deflected robot is singular",
+        name=task.robot.name,
         residual=np.inf,
     )
 
@@ -135,7 +136,8 @@ def check_rest(dynamics: InverseDynamics, law: OptimalLaw) -> None:
         at_ends = (values[[0, -1]][is_at_rest][:, counted] / largest[counted]).max(initial=0.0)
         if at_ends > allowed:
             raise NotConverged(
-                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
+                f"springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
                 f"most {allowed:g}), though {law.smoothness} derivatives of the law vanish there",
+                name=robot.name,
                 residual=float(at_ends),
             )

@@ -58,11 +58,11 @@ from framework.planning.optimal.undeformed_law import (
 )
 from framework.planning.refusals import (
     PRINTED_DIGITS,
+    HoldingTorque,
     LeastLimits,
     SearchEvidence,
     StaticFold,
     advice_of,
-    describe_search,
 )
 from framework.planning.request import limit_excess, motor_peaks, share_within
 from framework.singularity.points_on_path import SingularPoint
@@ -144,9 +144,9 @@ def optimal_motion(task: Task) -> OptimalMotion:
     except NoLaw as refusal:
         if isinstance(refusal.evidence, SearchEvidence) and task.to_cross.explained:
             sought = _try_remedies(task, _count_drives(task, refusal.evidence))
-            words = describe_search(task.robot, sought) if sought.reason else str(refusal)
-            advice = "" if sought.limits is None else f"; {advice_of(task.robot, sought.limits)}"
-            refusal.args, refusal.evidence = (words + advice,), sought
+            numbers = () if isinstance(refusal.proof, HoldingTorque) else sought.clauses
+            advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
+            refusal.clauses, refusal.evidence = (*numbers, *advice), sought
         raise
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)
@@ -201,18 +201,17 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
         if _try_motion(task, **{bound: duration}) is not None:
             evidence = evidence._replace(duration=duration)
             break
-    words = ""
+    clauses = [] if quickest is None else [f"within all limits the quickest law found takes {quickest:.4g} s"]
     loosened: dict[str, Any] = {name: share * limit for name, limit in raised.items()}
     looser = drives._replace(**loosened)
     if evidence.duration is None and _try_motion(task, drives=looser) is not None:
         evidence = evidence._replace(limits=raised)
-        words = f"; {advice_of(task.robot, raised)}"
-    least_time = (
-        "" if quickest is None else f"; within all limits the quickest law found takes {quickest:.4g} s"
-    )
+        clauses.append(advice_of(task.robot, raised))
     return NoLaw(
-        f"{task.robot.name}: no law of free shape was found within torque-speed curves and RMS torques: "
-        f"under the best law within the other limits {use.sentence}{least_time}{words}",
+        f"no law of free shape was found within torque-speed curves and RMS torques: "
+        f"under the best law within the other limits {use.sentence}",
+        name=task.robot.name,
+        clauses=tuple(clauses),
         evidence=evidence,
     )
 
@@ -265,7 +264,8 @@ def _find_motion(task: Task) -> OptimalMotion:
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
-            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry rigid"
+            "optimal laws of elastic robots with damping are not supported with geometry rigid",
+            name=robot.name,
         )
     check_speeds(task, points)
     if robot.n_e:
@@ -313,13 +313,16 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
         try:
             dynamics = _resolve_law(task, best.law, None)
         except UnboundedTorque as failure:  # condition (8) is met, but for rounding
-            raise NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s) from None
+            raise NotConverged(
+                failure.sentence, name=failure.name, residual=abs(failure.wrench), s=failure.s
+            ) from None
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             return OptimalMotion(dynamics, best.law, best)
         best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(
-        f"{task.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
+        f"no law within all limits is resolved in {MAX_PASSES} passes",
+        name=task.robot.name,
         residual=abs(excess - 1.0),
     )
 
@@ -406,7 +409,8 @@ class _ElasticSearch:
             return self.best_motion
         raise self._refuse(
             NotConverged(
-                f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes",
+                f"law and deflections do not settle together in {MAX_PASSES} passes",
+                name=self.task.robot.name,
                 residual=abs(self.least_excess - 1.0),
             )
         )
@@ -421,8 +425,9 @@ class _ElasticSearch:
         """Return the refusal that the motions found exceed the limits, with the least excess."""
         excess, _ = format_distinct(self.least_excess, 1.0)
         return NotConverged(
-            f"{self.task.robot.name}: no law was found whose motion with springs keeps the limits: "
+            f"no law was found whose motion with springs keeps the limits: "
             f"the nearest motion found takes {excess} times the limits",
+            name=self.task.robot.name,
             residual=self.least_excess - 1.0,
         )
 
@@ -574,10 +579,11 @@ class _ElasticSearch:
             if compliance is not None:
                 stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)  # over the robot's stiffness
                 raise NoLaw(
-                    f"{self.task.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
+                    f"at rest at s = {s:g} the springs give way: as they get softer, "
                     f"deflections turn back at {1.0 / compliance:.3g} times their stiffness, so that no law "
                     f"was found on the branch of the rigid robot; springs {stiffer:.3g} times as stiff hold "
                     f"at this end",
+                    name=self.task.robot.name,
                     evidence=StaticFold(s, compliance),
                 )
 
@@ -590,9 +596,10 @@ class _ElasticSearch:
         least = find_least_softening(problem, duration)
         if least is not None and least.rho > MAX_SOFTENING:
             raise NoLaw(
-                f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
+                f"the springs give way at s = {least.s:.6g}: under the best law "
                 f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
                 f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance)",
+                name=self.task.robot.name,
                 evidence=least,
             )
 
