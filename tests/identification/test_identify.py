@@ -231,6 +231,25 @@ def test_intervals_of_a_payload_hold_the_truth_from_a_poor_stroke(monkeypatch):
     assert np.mean(inside) == pytest.approx(0.95, abs=0.04)
 
 
+def geared(inertia: float) -> ParallelRobot:
+    """The five-bar with these rotor inertias."""
+
+    def change(links, bodies, motors) -> None:
+        motors[:, 0] = inertia
+
+    return other_robot(NOMINAL["five_bar_heavy"], change)[0]
+
+
+@pytest.mark.slow
+def test_rotors_that_the_file_does_not_have_are_found_if_they_are_asked_for():
+    true = geared(2e-4)
+    found = identify(geared(0.0), measured(sines(true, **LONG), true, 0), only=["rotor"])
+    assert found.refusal is None
+    for rotor in found.quantities:
+        assert rotor.determined
+        assert rotor.value == pytest.approx(2e-4, abs=4.0 * rotor.deviation)
+
+
 def mistaken(data: Recording, change) -> Recording:
     """The recording with its columns changed in place."""
     values = data.values.copy()
