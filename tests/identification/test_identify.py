@@ -102,6 +102,12 @@ def test_intervals_hold_the_truth_as_often_as_they_say(motion, monkeypatch):
     assert friction > 0.9
 
 
+@pytest.mark.slow
+def test_one_stroke_of_a_delta_leads_no_parameter_far_off():
+    """A line shows a few sums of forty parameters; the file has to hold the others in every step."""
+    assert np.abs(measure_coverage("delta", "stroke", 1).ratios).max() < 4.0
+
+
 def test_an_error_of_one_rod_is_found_and_named():
     def heavier(links, bodies, motors) -> None:
         bodies[links.index("right_rod")] *= 1.5
