@@ -184,7 +184,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
     while 1.0 / max_multiple <= multiple <= max_multiple:
         capacity = task.try_multiple(capacity, multiple)
-        evidence = getattr(capacity.refusal, "evidence", None)
+        evidence = None if capacity.refusal is None else capacity.refusal.evidence
         if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
             peaks.append((multiple, evidence.least.torque_peak or 0.0))
         if capacity.end == np.inf:  # all multiples so far have plans
