@@ -261,15 +261,15 @@ def finite_numbers(
         values = np.empty(0)
     fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
     finite = np.abs(values) <= largest
+    if fits and finite.all():
+        return values
     at_most = f" of at most {largest:g}" if fits and np.isfinite(values).all() else ""
-    if fits and values.ndim == 2 and not finite.all():
+    if fits and values.ndim == 2:
         rows = np.flatnonzero(~finite.all(axis=1)).tolist()
         which = f"{len(rows)} of {len(values)} rows are not, {short(rows)}"
         raise InvalidInput(f"{what} must be finite numbers{at_most}: {which}")
-    if not fits or not finite.all():
-        shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
-        raise InvalidInput(f"{what} must be {count} finite numbers{at_most}, got {_CUT.repr(shown)}")
-    return values
+    shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
+    raise InvalidInput(f"{what} must be {count} finite numbers{at_most}, got {_CUT.repr(shown)}")
 
 
 # ------------------------------------------------------------------ the answer is no

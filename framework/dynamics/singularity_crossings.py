@@ -241,8 +241,6 @@ def probe_instants(t: float, duration: float) -> list[float]:
     """Return the instant t [s] of a crossing and a second one, for the slope of g.
 
     The second is towards the middle of the motion.
-
-    Args:
     """
     probe = 1e-6  # their distance, as a share of the duration
     return [t, t + math.copysign(probe * duration, 0.5 * duration - t)]

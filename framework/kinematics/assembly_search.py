@@ -165,14 +165,15 @@ class _Group:
         if self.platform is None or self.target is None:
             return np.empty(0)
         offset = self.platform.residual(self._frames(u), self.target[None])[0]
-        return np.where(self.platform.translations, offset / self.mechanism.length, offset)
+        return offset / self.mechanism.unit_lengths(~self.platform.translations)
 
     def miss_slope(self, u: Array) -> Array:
         """Compute the derivative (n, k) of `miss` along u."""
         if self.platform is None:
             return np.empty((0, len(u)))
         jacobian = self.platform.jacobian(self._frames(u))[0]
-        return scale_jacobian(self.mechanism, jacobian, ~self.platform.translations)[:, self.columns]
+        lengths = self.mechanism.unit_lengths(~self.platform.translations)
+        return scale_jacobian(self.mechanism, jacobian, lengths)[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start (k,) that close the loops best.

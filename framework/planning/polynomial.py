@@ -68,7 +68,7 @@ def plan_polynomial(
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     law, timing = undeformed_polynomial(to_cross, request, searched=searched)
-    least_degree = _least_degree(request, to_cross.crossing_points)
+    least_degree = request.ends.least_degree(request.smoothness, len(to_cross.crossing_points))
     names = ("geometry", "tolerance", "friction")
     options: dict[str, Any] = {name: getattr(request, name) for name in names}  # of `resolve`
     crossed: Sequence[SingularPoint] = ()  # of the deformed robot
@@ -125,7 +125,7 @@ def _resolve_deformed(
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    high = undeformed.coefficients[_least_degree(request, timing) + 1 :]
+    high = undeformed.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
@@ -159,15 +159,10 @@ def _resolve_deformed(
         if raised is None:
             raise
         advancing, timing = raised
-        high = advancing.coefficients[_least_degree(request, timing) + 1 :]
+        high = advancing.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
         law = _solve_law(to_cross.crossing_points, timing, request, high)
         return _resolve_deformed(to_cross, request, options, law, timing, raises_left=raises_left - 1)
     return dynamics, timing, () if request.at else tracker.crossings
-
-
-def _least_degree(request: Request, crossings: Sequence[object]) -> int:
-    """Return the degree of the polynomial with the ends of a request and three conditions a crossing."""
-    return 2 * request.smoothness + 1 + 3 * len(crossings)
 
 
 def _reason_for_law(law: Law, request: Request, least_degree: int) -> str:

@@ -17,7 +17,8 @@ from framework import (
 from framework.control import reference_of
 from framework.dynamics.drive_limits import DriveLimits
 from framework.files.trajectory_file import joint_trajectory
-from framework.planning.chain import envelop_drives
+from framework.planning.chain import DepartingCurve, envelop_drives
+from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects_of
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
@@ -170,3 +171,26 @@ def test_plans_that_do_not_meet_are_no_chain():
         chain_plans([plan, plan])
     with pytest.raises(InvalidInput, match="at least two"):
         chain_plans([plan])
+
+
+@pytest.mark.slow
+def test_springs_that_carry_masses_take_the_next_plan_up_without_a_jump():
+    """They follow derivatives beyond those that torques contain: with four the torque jumps by 4e-6 N m."""
+    robot = robots.load("biglide", flexibility="flexible_links")
+    path = scene_path(robot.description.scenes["across"])
+    plan = plan_crossing(robot, path, duration=1.0, end_speed=0.4, law="polynomial")
+    rest = plan.restart(0.8, duration=0.3, law="polynomial")
+    assert np.abs(rest.torque(0.0) - plan.torque(0.8)).max() < SEAM
+    assert simulate(chain_plans([plan, rest], [0.8])).tracking_error < 1e-9
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rpr"])
+def test_a_curve_to_a_goal_stays_beside_the_straight_way_of_a_straight_motion(name):
+    """The law takes what the motion does along its tangent: of a line, a curve on along this line remains."""
+    robot = robots.load(name)
+    x = robot.reference.x
+    direction = robot.platform_scale * np.eye(robot.n)[0]
+    motion = [x, *(rate * direction for rate in (0.5, 3.0, -40.0, 900.0, 2e4, 1e6, -1e7, 1e9))]
+    curve = DepartingCurve.to_goal(robot, motion, x + 0.3 * direction)
+    s = np.linspace(0.0, 1.0, 11)
+    np.testing.assert_allclose(curve(s), x + 0.3 * s[:, None] * direction, atol=1e-12)

@@ -22,6 +22,7 @@ from framework import (
     plan_crossing,
 )
 from framework.laws.law import conditions_at_instants
+from framework.planning.plan_facts import motion_facts
 from framework.planning.refusals import check_advance
 
 ROBOT = "five_bar"
@@ -185,3 +186,11 @@ def test_a_law_that_meets_the_locus_again_is_refused(robot):
     law, s = law_of_least_degree(robot, 0.15, 0.2)
     with pytest.raises(NoLaw, match="does not always advance"):
         check_advance(law, [s])
+
+
+def test_an_acceleration_that_is_rounding_is_printed_without_a_sign(robot):
+    plan = plan_crossing(robot, LINE, duration=1.5, times=[1.0], speeds=[1.5])
+    (crossing,) = plan.crossings
+    for acceleration in (-1e-12, 0.0, 1e-12):
+        facts = motion_facts(replace(plan, crossings=(replace(crossing, acceleration=acceleration),)))
+        assert any('s" = 0 1/s2' in fact.value for fact in facts)

@@ -51,7 +51,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike
-from framework.tolerances import FILE_ROUNDING, SAME_PLACE
+from framework.tolerances import FILE_ROUNDING, MAX_TURNS, SAME_PLACE
 
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
@@ -132,10 +132,22 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
+    _check_turns(robot, path)
     x = finite_numbers("the start of the path", path(0.0), robot.n)
     start = linearised_at_reference(robot) if _is_near_reference(robot, x) else _reach(robot, x)[0]
     followed = _follow_to_end(robot, path, start, "the path")
     return Branch.through(robot, path, followed.panels, followed.steps)
+
+
+def _check_turns(robot: ParallelRobot, path: Path) -> None:
+    """Refuse a path on which a coordinate of the platform turns by more than MAX_TURNS."""
+    travel = np.abs(np.diff(path(np.linspace(0.0, 1.0, 201)), axis=0)).sum(axis=0)  # (n,) [m, rad]
+    for name, angle, slides in zip(robot.axis_names, travel.tolist(), robot.translations, strict=True):
+        if not slides and angle > MAX_TURNS * 2.0 * np.pi:
+            raise InvalidInput(
+                f"the path turns {name} by {angle:.4g} rad, {angle / (2.0 * np.pi):.3g} turns; at most "
+                f"{MAX_TURNS} are followed: points are in rad, and of turns that repeat plan one"
+            )
 
 
 def follow_path(
