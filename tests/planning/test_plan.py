@@ -130,9 +130,9 @@ def test_a_law_that_runs_backwards_on_the_way_is_refused_and_one_of_higher_degre
     assert plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0]).certificate.monotone
 
 
-def test_a_speed_that_no_law_found_meets_is_refused(robot):
+def test_a_speed_that_no_polynomial_found_meets_is_refused(robot):
     with pytest.raises(NoLaw, match=r"it leaves the path at s = 0.* degree 40 found"):
-        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[20.0])
+        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[20.0], law="polynomial")
 
 
 def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
