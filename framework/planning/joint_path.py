@@ -225,10 +225,11 @@ def _choose_line(robot: ParallelRobot, start: Array, goal: Array) -> tuple[Joint
         for line in _lines_between(selected, start, goal)[: MAX_TRACKED - tracked]:
             check_time()
             tracked += 1
-            q = _follow(selected, line)
-            if q is None or not all(
-                _is_same_pose(robot, *pair) for pair in zip(q[[0, -1]], ends, strict=True)
-            ):
+            try:
+                q = track_path(selected, line).guess(np.linspace(0.0, 1.0, BRANCH_SAMPLES))  # (T, nq)
+            except FrameworkError:
+                continue
+            if not all(_is_same_pose(robot, *pair) for pair in zip(q[[0, -1]], ends, strict=True)):
                 continue
             (least,) = _rate_sets(robot, q, [sets[k]])[1]
             if best is None or least > best[0]:
@@ -261,15 +262,6 @@ def _rate_sets(
     for pose in N:  # one by one: all poses of thousands of sets would fill the memory
         least = np.minimum(least, singular_values(pose[rows])[:, -1])
     return sets, least
-
-
-def _follow(selected: ParallelRobot, path: Path) -> Array | None:
-    """Follow a path in the platform joints; return poses (T, nq), None if refused."""
-    try:
-        branch = track_path(selected, path)
-    except FrameworkError:
-        return None
-    return branch.guess(np.linspace(0.0, 1.0, BRANCH_SAMPLES))
 
 
 def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
