@@ -168,11 +168,8 @@ def _choose_path(
         beyond = path if beyond is None else beyond
     if beyond is not None:
         return beyond
-    places = (
-        ""
-        if ways
-        else f"; on {2 * robot.n + DIRECTIONS} lines of the platform no leg was stretched or folded"
-    )
+    followed = 2 * robot.n + DIRECTIONS
+    places = "" if ways else f"; no leg was stretched or folded on {followed} lines of the platform"
     raise NoLaw(
         f"of {tracked} lines in joints without motors, and {ways} ways by stretched or folded legs, none "
         f"that a law can pass leads to the other working mode{places}",
