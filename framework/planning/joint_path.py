@@ -8,7 +8,7 @@ the joints Type 2 itself would look like Type 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, islice, pairwise, product
 
@@ -26,7 +26,7 @@ from framework.kinematics.tree_model import shares_beyond_limits
 from framework.laws.curves import Spline
 from framework.laws.path import Line, Path
 from framework.model.description import Platform
-from framework.numerics.arrays import Array, BoolArray, Names
+from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.time_limit import check_time
 from framework.singularity.points_on_path import search_path
@@ -101,7 +101,7 @@ def choose_joint_path(robot: ParallelRobot, start: Array, goal: Array) -> JointP
         NoLaw: none of these paths leads from the start to the platform and the motors of the goal, or each
             meets singularities that no law passes.
     """
-    return _choose_path(robot, start, [goal], goal, lambda q: _is_same_mode(robot, q, goal))
+    return _choose_path(robot, start, [goal], goal, lambda q: _is_same_mode(robot, q, goal), ())
 
 
 def flip_legs(
@@ -123,12 +123,7 @@ def flip_legs(
         """Return whether the platform is at the goal, and just these motors are elsewhere."""
         return _is_same_place(robot, q, goal) and is_flip(robot, q, goal, motors)
 
-    return _choose_path(robot, start, modes, goal, is_end)
-
-
-def flipped_motors(robot: ParallelRobot, q: Array, goal: Array) -> BoolArray:
-    """Return whether each motor (n_a,) stands elsewhere at q than at the goal (nq,), but for whole turns."""
-    return _distances(robot, q, goal)[robot.actuated] > SAME_PLACE
+    return _choose_path(robot, start, modes, goal, is_end, motors)
 
 
 def is_flip(robot: ParallelRobot, q: Array, goal: Array, motors: Sequence[str]) -> bool:
@@ -143,8 +138,12 @@ def _choose_path(
     modes: Sequence[Array],
     goal: Array,
     is_end: Callable[[Array], bool],
+    motors: Sequence[str],
 ) -> JointPath:
-    """Choose a line to a mode, or a path by a stretched leg to an end.
+    """Choose a line to a mode, or a path by stretched legs to an end.
+
+    Args:
+        motors: names of those whose legs flip, one after the other if there are several.
 
     Raises:
         NoLaw: as `choose_joint_path`.
@@ -155,13 +154,12 @@ def _choose_path(
         if line is not None:
             return line
         tracked += count
-    x_start, x_goal = robot.platform.coordinates(frames_at(robot, np.stack([start, goal])))
-    folds = _find_folds(robot, start, x_start)
+    x = robot.platform.coordinates(frames_at(robot, np.stack([start, goal])))  # (2, n) at both ends
     beyond = None  # the first path that leaves the joints' limits
-    for x_fold in folds:
-        check_time()
-        q = _pass_fold(robot, start, x_start, x_fold, x_goal)
-        if q is None or not is_end(q[-1]):
+    ways = 0
+    for q in _pass_folds(robot, start, goal, x, motors):
+        ways += 1
+        if not is_end(q[-1]):
             continue
         is_within = not shares_beyond_limits(robot.limits, q).any()
         path = _fit_joint_path(robot, q, is_end) if is_within or beyond is None else None
@@ -170,11 +168,42 @@ def _choose_path(
         beyond = path if beyond is None else beyond
     if beyond is not None:
         return beyond
+    followed = 2 * robot.n + DIRECTIONS
+    places = "" if ways else f"; no leg was stretched or folded on {followed} lines of the platform"
     raise NoLaw(
-        f"of {tracked} lines in joints without motors, and {len(folds)} ways by a stretched or "
-        f"folded leg, none that a law can pass leads to the other working mode",
+        f"of {tracked} lines in joints without motors, and {ways} ways by stretched or folded legs, none "
+        f"that a law can pass leads to the other working mode{places}",
         name=robot.name,
     )
+
+
+def _pass_folds(
+    robot: ParallelRobot, start: Array, goal: Array, x: Array, motors: Sequence[str]
+) -> Iterator[Array]:
+    """Yield poses (T, nq) from a start by one fold of a leg, or by several, to a place of the platform.
+
+    Ways by one fold come first. Those that flip one leg of several go on by further folds from there.
+
+    Args:
+        start: pose (nq,).
+        goal: pose (nq,) without flips, with the platform at the place.
+        x: platform coordinates (2, n) at the start and at the place.
+        motors: names of those whose legs are to flip.
+    """
+    partial: dict[str, Array] = {}  # the first way that flips just this motor's leg
+    for x_fold in _find_folds(robot, start, x[0]):
+        check_time()
+        q = _pass_fold(robot, start, x[0], x_fold, x[1])
+        if q is None:
+            continue
+        yield q
+        for motor in motors if len(motors) > 1 else ():
+            if is_flip(robot, q[-1], goal, [motor]):
+                partial.setdefault(motor, q)
+    for flipped, first in partial.items():
+        left = [motor for motor in motors if motor != flipped]
+        for rest in _pass_folds(robot, first[-1], first[-1], x[[1, 1]], left):
+            yield np.concatenate([first, rest[1:]])
 
 
 def _choose_line(robot: ParallelRobot, start: Array, goal: Array) -> tuple[JointPath | None, int]:
@@ -193,10 +222,11 @@ def _choose_line(robot: ParallelRobot, start: Array, goal: Array) -> tuple[Joint
         for line in _lines_between(selected, start, goal)[: MAX_TRACKED - tracked]:
             check_time()
             tracked += 1
-            q = _follow(selected, line)
-            if q is None or not all(
-                _is_same_pose(robot, *pair) for pair in zip(q[[0, -1]], ends, strict=True)
-            ):
+            try:
+                q = track_path(selected, line).guess(np.linspace(0.0, 1.0, BRANCH_SAMPLES))  # (T, nq)
+            except FrameworkError:
+                continue
+            if not all(_is_same_pose(robot, *pair) for pair in zip(q[[0, -1]], ends, strict=True)):
                 continue
             (least,) = _rate_sets(robot, q, [sets[k]])[1]
             if best is None or least > best[0]:
@@ -229,15 +259,6 @@ def _rate_sets(
     for pose in N:  # one by one: all poses of thousands of sets would fill the memory
         least = np.minimum(least, singular_values(pose[rows])[:, -1])
     return sets, least
-
-
-def _follow(selected: ParallelRobot, path: Path) -> Array | None:
-    """Follow a path in the platform joints; return poses (T, nq), None if refused."""
-    try:
-        branch = track_path(selected, path)
-    except FrameworkError:
-        return None
-    return branch.guess(np.linspace(0.0, 1.0, BRANCH_SAMPLES))
 
 
 def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
@@ -303,10 +324,11 @@ def _fit_joint_path(robot: ParallelRobot, q: Array, is_end: Callable[[Array], bo
 
     It is unusable if it leads elsewhere or no law passes it.
     """
-    chosen = np.round(np.linspace(0, len(q) - 1, FOLD_POINTS)).astype(int)
+    folds = len(q) // (FOLD_POSES - 1)
+    chosen = np.round(np.linspace(0, len(q) - 1, folds * (FOLD_POINTS - 1) + 1)).astype(int)
     sets, least = _rate_sets(robot, q[chosen])
     steps = np.array([difference(robot, *pair) for pair in pairwise(q)])  # (T - 1, nv)
-    offsets = np.concatenate([np.zeros((1, robot.nv)), np.cumsum(steps, axis=0)])[chosen]  # (FOLD_POINTS, nv)
+    offsets = np.concatenate([np.zeros((1, robot.nv)), np.cumsum(steps, axis=0)])[chosen]  # (m, nv)
     for k in np.argsort(-least, kind="stable")[:MAX_TRACKED_SETS].tolist():
         try:
             selected = with_platform_joints(robot, sets[k])

@@ -116,23 +116,23 @@ def test_legs_of_spatial_robots_flip(name, modes):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "motor", "goal"),
+    ("name", "motors", "goal"),
     [
-        ("delta", "motor_1", [0.1, 0.05, -1.2]),
-        ("orthoglide", "slide_2", [0.05, 0.0, 0.02]),
-        ("par4", "motor_1", [0.05, 0.05, -0.85, 1.0]),
+        ("delta", ["motor_1", "motor_2"], [0.1, 0.05, -1.2]),
+        ("orthoglide", ["slide_2"], [0.05, 0.0, 0.02]),
+        ("par4", ["motor_1"], [0.05, 0.05, -0.85, 1.0]),
     ],
 )
-def test_a_leg_flips_where_it_is_stretched(name, motor, goal):
-    """No line in joints leads there; the platform goes out to a fold of the leg and back."""
+def test_legs_flip_where_they_are_stretched(name, motors, goal):
+    """No line in joints leads there; the platform goes out to a fold of each leg and back."""
     robot = robots.load(name, flexibility="rigid")
     unflipped = assemble(robot, goal).q
-    chosen = flip_legs(robot, robot.reference.q, unflipped, [motor])
+    chosen = flip_legs(robot, robot.reference.q, unflipped, motors)
     plan = plan_crossing(robot, chosen, duration=3.0)
     end = plan.configuration(plan.duration)
     turned = np.exp(1j * (end - unflipped))[robot.actuated]
     moved = [other for other, turn in zip(robot.actuator_names, turned, strict=True) if abs(turn - 1) > 1e-6]
-    assert moved == [motor]
+    assert moved == motors
     placements = [frame_of(robot, q) for q in (end, unflipped)]
     np.testing.assert_allclose(*placements, atol=1e-8)
     defect = defects_of(plan)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -45,8 +46,7 @@ MIN_COST_GAIN, MIN_SMOOTHING = 3e-4, 0.1
 FIRST_SLACK, SLACK_LEFT, EXCESS_LEFT = 0.5, 0.5, 0.6
 LOWER_FLOORS = np.array([1.0, 1e-2])  # over that of a quick law, of laws that wait
 BLENDS = 65  # of a slow and a quick law that are compared
-MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
-MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
+MAX_SLOW_STEPS = 6  # with the tangent of T(z), towards slow laws
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
 # of the least peak, tried in turn: between two ends in motion holding back costs more than a quicker law
 LARGER_SHARES = (0.1, 0.3, 1.0, 4.0)
@@ -208,7 +208,8 @@ class SmoothSearch(NamedTuple):
             if law is not None:
                 break
         if law is None:
-            return self, self._refuse_times()
+            listed = ", ".join(f"{t:.4g}" for t in problem.specification.times)
+            return self, NoneFound(self.program, f"no law that crosses at t = {listed} s was found")
         if bounds is own:
             return self, law
         best = self._descend_at_instants(law, self.goal, limits) or law
@@ -270,11 +271,6 @@ class SmoothSearch(NamedTuple):
         longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest
         longest = np.where(np.isfinite(stages), (1.0 + excess) * stages, longest)
         return bounds._replace(longest=longest if np.isfinite(longest).any() else None)
-
-    def _refuse_times(self) -> NoneFound:
-        """Return the result that no law with the required times was found."""
-        listed = ", ".join(f"{t:.4g}" for t in self.program.problem.specification.times)
-        return NoneFound(self.program, f"no law that crosses at t = {listed} s was found")
 
     def _mismatch(self, law: Speed) -> float:
         """Return the largest relative error of a required stage's duration."""
@@ -549,7 +545,9 @@ class SmoothSearch(NamedTuple):
             starts = list(self._find_starts(quick, duration, floor))
             if not starts:
                 return self._refuse_duration(duration)
-            law = self._descend(min(starts, key=_energy_of), quick, floor)
+            law = min(starts, key=attrgetter("energy"))
+            if law.energy > (1.0 + 0.5 * self.share) * quick.energy:  # smoothness adds `share` of it anyway
+                law = self._descend_at_instants(law, "energy", limits) or law
 
         # the smoothest law within a share of this energy
         bounds = Bounds(np.array([duration]), energy=(1.0 + self.share) * law.energy, share=limits.share)
@@ -562,27 +560,6 @@ class SmoothSearch(NamedTuple):
         if similar is not None and smooth is similar:
             return self._find_smooth_of_little_energy(duration, None)
         return smooth
-
-    def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
-        """Lower the energy of a law step by step, as long as the gain is worth a step.
-
-        The energy of the quick law is the least of all, also of laws that take longer.
-
-        Args:
-            law: a law of the required duration.
-            quick: the law of least energy, which is quicker.
-            floor: lower bound of z [1/s^2].
-        """
-        limits = Bounds(share=self.bounds.share)
-        for _ in range(MAX_ENERGY_STEPS):
-            if law.energy <= (1.0 + 0.5 * self.share) * quick.energy:  # smoothness adds `share` of it anyway
-                break
-            better = self._improve("energy", law, quick, limits, floor)
-            gain = law.energy - better.energy
-            law = min(law, better, key=_energy_of)
-            if gain < MIN_ENERGY_GAIN * law.energy:
-                break
-        return law
 
     def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
         """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak.
@@ -667,10 +644,6 @@ def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) ->
     """
     highest = max((0.7 * width / duration) ** 2, 1.01 * floor)
     return np.where(waits, highest, np.inf)
-
-
-def _energy_of(speed: Speed) -> float:
-    return speed.energy
 
 
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
