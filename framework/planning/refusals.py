@@ -76,11 +76,11 @@ The optimal law:
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
     NoLaw: the springs give way at an end, at rest, or, to first order, along the path
-        planning.optimal.optimal_motion.optimal_motion
+        planning.optimal.elastic_search.ElasticSearch.find_motion
     NotConverged: law and springs do not settle together
-        planning.optimal.optimal_motion.optimal_motion
+        planning.optimal.elastic_search.ElasticSearch.find_motion
     NotConverged: springs do not start or stop at rest
-        planning.optimal.elastic_balance.check_rest
+        planning.optimal.elastic_search.ElasticSearch.find_motion
 
 The motion, under either law or one of the user's own:
 

@@ -27,7 +27,7 @@ from framework.errors import InvalidInput
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.cone_program import Unsolved
 from framework.planning.optimal.law_problem import motor_rows
-from framework.planning.optimal.least_cost import NoneFound, solve_least_cost
+from framework.planning.optimal.least_cost import NoneFound, cost_of, solve_least_cost
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
@@ -75,6 +75,11 @@ class SmoothSearch(NamedTuple):
     @property
     def goal(self) -> str:
         return self.program.problem.specification.goal
+
+    @property
+    def least_cost(self) -> float:
+        """The least cost; a duration by the quadrature of the program."""
+        return self.least.least_duration if self.goal == "time" else cost_of(self.goal, self.least)
 
     @property
     def bounds(self) -> Bounds:
