@@ -26,12 +26,36 @@ LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of larger numbers o
 class FrameworkError(Exception):
     """Base of all errors raised on purpose by this package; all can be pickled.
 
+    Its text is `name: message; clause; clause`. Nothing takes the text apart again.
+
+    `name`: the name of the robot or file that the message is about; empty where the message says it.
+    `clauses`: what would help, what else was tried, what else is known; added where it is known.
     `remedy`: options with which the same call gives another answer, None for one to leave out; None where
     none is known. A traceback shows the remedy as a note.
     """
 
+    name: str = ""
+    clauses: tuple[str, ...] = ()
     remedy: Mapping[str, Any] | None = None
     nearest: Mapping[str, Any] | None = None  # the nearest pose that can be, in plain numbers
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.sentence}" if self.name else self.sentence
+
+    @property
+    def sentence(self) -> str:
+        """The message and its clauses."""
+        return "; ".join([super().__str__(), *self.clauses])
+
+    def naming(self, name: str) -> Self:
+        """Return the error with the name of what it is about."""
+        self.name = name
+        return self
+
+    def adding(self, *clauses: str) -> Self:
+        """Return the error with further clauses; empty ones are left out."""
+        self.clauses = (*self.clauses, *filter(None, clauses))
+        return self
 
     def advising(self, remedy: Mapping[str, Any] | None) -> Self:
         """Return the error with a remedy."""
@@ -237,15 +261,15 @@ def finite_numbers(
         values = np.empty(0)
     fits = values.shape[-1:] == (count,) and (values.ndim == 1 or (stacks and values.ndim == 2))
     finite = np.abs(values) <= largest
+    if fits and finite.all():
+        return values
     at_most = f" of at most {largest:g}" if fits and np.isfinite(values).all() else ""
-    if fits and values.ndim == 2 and not finite.all():
+    if fits and values.ndim == 2:
         rows = np.flatnonzero(~finite.all(axis=1)).tolist()
         which = f"{len(rows)} of {len(values)} rows are not, {short(rows)}"
         raise InvalidInput(f"{what} must be finite numbers{at_most}: {which}")
-    if not fits or not finite.all():
-        shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
-        raise InvalidInput(f"{what} must be {count} finite numbers{at_most}, got {_CUT.repr(shown)}")
-    return values
+    shown = given.tolist() if isinstance(given, np.ndarray) and given.size <= _LISTED else given
+    raise InvalidInput(f"{what} must be {count} finite numbers{at_most}, got {_CUT.repr(shown)}")
 
 
 # ------------------------------------------------------------------ the answer is no
@@ -262,9 +286,12 @@ def _with_attributes(error: type[E]) -> type[E]:
 
 @dataclass(eq=False, repr=False)
 class NoAnswer(FrameworkError):
-    """A question well posed that has no answer, or none that could be proved."""
+    """A question well posed that has no answer, or none that could be proved; `message` is the reason."""
 
     message: str
+    _: KW_ONLY
+    name: str = ""
+    clauses: tuple[str, ...] = ()
 
 
 @_with_attributes

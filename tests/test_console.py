@@ -61,7 +61,6 @@ def test_a_long_message_keeps_its_ends(length):
     assert str(length) in line or length == MAX_MESSAGE_LENGTH
 
 
-@pytest.mark.parametrize("length", [300, 5000])
 @pytest.mark.parametrize(
     "command",
     [
@@ -85,9 +84,9 @@ def test_a_long_message_keeps_its_ends(length):
         "{}",
     ],
 )
-def test_long_names_are_refused_in_one_line(capfd, tmp_path, monkeypatch, command, length):
+def test_long_names_are_refused_in_one_line(capfd, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    assert main([word.format("n" * length) for word in command.split()]) == 2
+    assert main([word.format("n" * 5000) for word in command.split()]) == 2
     out, err = capfd.readouterr()
     assert out == ""
     assert is_one_line(err)

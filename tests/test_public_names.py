@@ -68,6 +68,7 @@ INNER = {
     "framework.identification.least_squares",
     "framework.identification.measured_motion",
     "framework.identification.torque_rows",
+    "framework.identification.unknowns",
     "framework.kinematics.frames",
     "framework.kinematics.linearised_loops",
     "framework.numerics.output",

@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import robots
+from framework.model.urdf_edits import urdf_text
+from framework.model.urdf_elements import read_tree
 
 
 def edited(urdf: str, *edits: tuple[Callable[..., None], *tuple[Any, ...]]) -> str:
-    """The text of a URDF after edits: each a function of its root, and what else that takes."""
-    root = ElementTree.fromstring(urdf)
+    """The text of a URDF after edits: each a function of its tree, and what else that takes."""
+    tree = read_tree(ElementTree.fromstring(urdf))
     for edit, *given in edits:
-        edit(root, *given)
-    return ElementTree.tostring(root, encoding="unicode")
+        edit(tree, *given)
+    return urdf_text(tree)
 
 
 def add_fixed_link(root: ElementTree.Element, name: str, parent: str, xyz: str) -> None:

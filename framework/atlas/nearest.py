@@ -429,8 +429,8 @@ def _start_within_ranges(robot: ParallelRobot, search: PoseSearch) -> tuple[floa
         if (signs[0] == signs[1]).all():
             return tuple(q.tolist())
     raise NotAssembled(
-        f"{robot.name}: the reference lies beyond the joints' ranges, and no pose within them was found in "
-        f"its working mode",
+        "the reference lies beyond the joints' ranges, and no pose within them was found in its working mode",
+        name=robot.name,
         q=robot.reference.q,
         residual=robot.reference.residual,
     )

@@ -11,9 +11,10 @@ carried body. The rest of the motors' torque is the error of that mapping,
     e = G' tau_motor - N' (inverse dynamics of the carried body, with damping of the platform's joints),
 
 of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + G' dx) with the
-posture's own G nearly all: what is left are the cranks and rods. Dry friction and backlash of the motors'
-joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with motors at rest
-the platform has the play |(dq_a/dx)^-1| (backlash of the joints) along each axis, at most.
+posture's own G nearly all: what is left are the cranks and rods, and springs and dampers on joints and
+between points. These have the torques N' f(q, dq), f the forces that hold them. Dry friction and backlash of
+the motors' joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with
+motors at rest the platform has the play |(dq_a/dx)^-1| (backlash of the joints) along each axis, at most.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.forces import mass_matrices
+from framework.dynamics.forces import all_spring_forces, damping_forces, mass_matrices
 from framework.dynamics.platform_wrench import PlatformLimits, platform_limits
 from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import FrameworkError, InvalidInput, NoAnswer, finite_numbers
 from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.line_springs import lines_at
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -55,6 +57,7 @@ class MappingError(NamedTuple):
     nothing_known: Array
     constant_armature: Array
     own_armature: Array  # armature of each posture
+    own_springs: Array  # armature, springs and dampers of each posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,8 @@ class LinkageTransmission(ReadOnlyArrays):
     carried: Array  # (P, n, n) of the carried body
     links: Array  # (P, n, n) of cranks and rods, and armature
     rotors: Array  # (P, n, n)
+    springs: Array  # (P, n) [N m, N] that motors hold against springs on joints and between points
+    damping: Array  # (P, n, n) [N m s, N s/m] of all joints and dampers
     friction: Array  # (P, n) [N m, N] dry friction of motors' joints, in any direction
     backlash: Array  # (P, n) [rad, m] of the platform by backlash 1 of each motor's joint
     play: Array  # (P, n) [rad, m] of the platform by the backlash in the robot file
@@ -144,6 +149,7 @@ def transmission(
     transposed = N.swapaxes(1, 2)
     carried = transposed @ mass_matrices(_with_bodies(robot, carried=True), q) @ N
     links = transposed @ mass_matrices(_with_bodies(robot, carried=False), q) @ N
+    dampers = lines_at(robot, q).damping + np.diag(robot.joint_damping)  # (P, nv, nv)
     motors = G / robot.gear_ratio[:, None]  # dq_a/dx
     reflected = np.abs(np.linalg.inv(motors))  # (P, n, n_a)
     G0, _ = _rates(robot, assemble(robot, x0).q[None])
@@ -156,6 +162,8 @@ def transmission(
         carried=carried,
         links=links,
         rotors=_rotor_inertia(robot, G),
+        springs=np.vecmat(all_spring_forces(robot, q, robot.joint_stiffness), N),
+        damping=transposed @ dampers @ N,
         friction=np.abs(motors).swapaxes(1, 2) @ robot.joint_friction[robot.actuated],
         backlash=reflected.sum(axis=2),
         play=reflected @ np.array([actuator.backlash for actuator in robot.description.actuators]),
@@ -230,19 +238,24 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
         ) from None
     instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
     G, N = _rates(robot, q)
-    mapped = np.einsum("tan,ta->tn", G, instant.torque)
+    mapped = np.vecmat(instant.torque, G)
     model = _with_bodies(robot, carried=True).model
     data = model.createData()
     rows = zip(q, instant.v, instant.a, strict=True)
     needed = np.array([pin.rnea(model, data, *row) for row in rows])  # (T, nv)
+    damping = damping_forces(robot, q, instant.v)  # (T, nv)
     if isinstance(robot.platform, JointPlatform):
         columns = robot.platform.columns
-        needed[:, columns] += robot.joint_damping[columns] * instant.v[:, columns]
-    carried = np.einsum("tvn,tv->tn", N, needed)
+        of_platform = robot.joint_damping[columns] * instant.v[:, columns]
+        needed[:, columns] += of_platform
+        damping[:, columns] -= of_platform
+    carried = np.vecmat(needed, N)
+    springs = np.vecmat(all_spring_forces(robot, q, robot.joint_stiffness) + damping, N)
     error = mapped - carried
     rotor_torque = robot.rotor_inertia * robot.gear_ratio * instant.a[:, robot.actuated]  # motor side
-    own = np.einsum("tan,ta->tn", G, rotor_torque)
+    own = np.vecmat(rotor_torque, G)
     G0, _ = _rates(robot, assemble(robot, x0).q[None])
     constant = ddx @ _rotor_inertia(robot, G0)[0]
-    largest = [np.abs(one).max(axis=0) for one in (mapped, carried, error, error - constant, error - own)]
+    left = (error, error - constant, error - own, error - own - springs)
+    largest = [np.abs(one).max(axis=0) for one in (mapped, carried, *left)]
     return MappingError(robot.axis_names[axis], frequency, *largest)

@@ -55,7 +55,8 @@ from framework.tolerances import SAME_PLACE
 # the first search starts at the nearest reached configuration itself
 OFFSETS = (0.0, 1.0, 1.0, 1.0)
 WHOLE_TURN = 2 * np.pi * (1.0 - SAME_PLACE)  # [rad] beyond this width of a window nothing new is reached
-BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
+MAX_COARSE_STRIDE = 8  # [rows or columns] between coarse poses, a power of 2
+BAND_ROWS = 2 * MAX_COARSE_STRIDE  # rows of a band, which begins with a row of coarse poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,12 +254,12 @@ def fill_band(
 
 
 def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
-    """Return the stride of coarse poses: a power of 2, at most BAND_ROWS.
+    """Return the stride of coarse poses: a power of 2, at most MAX_COARSE_STRIDE.
 
     Coarse poses are at most MAX_NEIGHBOUR_DISTANCE apart, unless the window's own poses are farther apart.
     """
     largest_stride = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)  # not rounded
-    exponent = np.clip(np.floor(np.log2(largest_stride)), 0, np.log2(BAND_ROWS))
+    exponent = np.clip(np.floor(np.log2(largest_stride)), 0, np.log2(MAX_COARSE_STRIDE))
     return int(2**exponent)
 
 

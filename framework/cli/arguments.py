@@ -19,9 +19,10 @@ from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.curves import Polyline
 from framework.laws.path import Line, Path
-from framework.model.description import FLEXIBILITIES, ParsedRobot
+from framework.model.description import FLEXIBILITIES
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
 from framework.numerics.output import Document, write_files, written_together

@@ -120,27 +120,24 @@ def _print_answer(text: str, stream: TextIO | None, *, may_be_cut: bool = False)
         raise OutputError(f"cannot write the answer: {error.strerror or error}") from None
 
 
-def complain(message: str) -> None:
-    """Print one line on stderr; a terminal gets a new line before `TRY`.
+def complain(message: str, instead: str) -> None:
+    """Print one line on stderr, with the command to try `instead` if not empty; a terminal gets two lines.
 
     If stderr cannot be written, the exit code alone reports the failure.
     """
     stream = sys.stderr
     if stream is None:  # closed by the process that started the program
         return
-    line = f"{PROGRAM}{printable(message)}"
     width = width_of(stream)
-    colour = shows_colours(stream)
-    if width is not None:
-        why, _, command = line.partition(f"; {TRY}")
-        lines = wrap_line(why, width, 2)
-        if command:
-            lines.append(f"  {TRY}{command}")
-        line = "\n".join(lines)
-    if colour:
-        line = line.replace(PROGRAM, add_colour(PROGRAM, RED), 1).replace(TRY, add_colour(TRY, GREEN))
+    text = "\n".join(wrap_line(f"{PROGRAM}{printable(message)}", width, 2))
+    label = TRY
+    if shows_colours(stream):
+        text = add_colour(PROGRAM, RED) + text[len(PROGRAM) :]
+        label = add_colour(TRY, GREEN)
+    if instead:
+        text += f"{'; ' if width is None else chr(10) + '  '}{label}{printable(instead)}"
     with suppress(OSError):
-        _print_text(line, stream)
+        _print_text(text, stream)
 
 
 def _print_text(text: str, stream: TextIO) -> None:
@@ -358,7 +355,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
         lines += (f"  warning           {warning}" for warning in options.warnings)
     heard.check()
     if options.refusal is not None:
-        line, entry = describe_error(options.refusal, str(options.refusal), arguments)
+        message, entry = describe_error(options.refusal, str(options.refusal), arguments)
         document = {**document, "error": entry}
     if options.json:
         tell(json.dumps(plain(document), allow_nan=False))
@@ -366,7 +363,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
         report("\n".join(lines))
     if options.refusal is None:
         return 0
-    complain(line)
+    complain(message, entry.get("try", ""))
     return exit_code_of(options.refusal)
 
 
@@ -387,8 +384,8 @@ def exit_code_of(error: Exception) -> int:
 
 def report_refusal(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
     """Print the refusal on stderr, with --json also on stdout; return the exit code."""
-    line, entry = describe_error(error, message, arguments)
-    complain(line)
+    message, entry = describe_error(error, message, arguments)
+    complain(message, entry.get("try", ""))
     if "--json" in arguments:
         with suppress(OutputError):  # the line on stderr and the code say it
             tell(json.dumps({"error": entry}, allow_nan=False))
@@ -411,17 +408,17 @@ def _describe_fault(error: Exception) -> str:
 
 
 def describe_error(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
-    """Return the line about an error, with advice, and its entry for JSON, with numbers."""
+    """Return the message of an error in one line, and its entry for JSON: with advice and numbers."""
     instead = one_line(advise(error, arguments) or "")
     if len(instead) > MAX_MESSAGE_LENGTH // 2:  # too long to be of use
         instead = ""
     advice = f"; {TRY}{instead}" if instead else ""
-    line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
-    document: Document = {"kind": type(error).__name__.lstrip("_"), "message": line}
+    message = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice))
+    document: Document = {"kind": type(error).__name__.lstrip("_"), "message": message + advice}
     if instead:
         document["try"] = instead
     for key in ("time", "s", "wrench", "joint", "residual", "platform", "nearest"):
         value = plain(getattr(error, key, None))
         if isinstance(value, float | str | list | dict):
             document[key] = value
-    return line, document
+    return message, document

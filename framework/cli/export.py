@@ -245,8 +245,7 @@ def _lesson_file(options: Namespace, file: FilePath) -> Export:
     try:
         page = lesson_page(robot, scene_path(chosen), duration=duration, name=f"Scene {chosen.name}")
     except NoAnswer as error:
-        error.args = (f"--scene {chosen.name}: {error}",)
-        raise
+        raise error.naming(f"--scene {chosen.name}: {error.name}") from None
     return robot, {file: page}, ["a lesson of five steps, to be opened in a browser"]
 
 

@@ -38,7 +38,7 @@ from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, flip_legs, is_flip, with_platform_joints
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
-from framework.planning.plan import ADVANCES, NEARLY_STOPS, law_before_proof, max_torque_ratio
+from framework.planning.plan import law_before_proof, max_torque_ratio
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
 from framework.planning.remedies import plan_or_advise
 from framework.planning.request import Request
@@ -376,11 +376,7 @@ def plan_lines(plan: CrossingPlan) -> list[str]:
     is_polynomial = plan.law.kind == Law.kind
     law = f"law of degree {plan.law.degree}" if is_polynomial else f"{plan.law.kind} law"
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
-    # a polynomial needs a reason only if it was chosen for another one than that it advances, or nearly stops
-    was_chosen = plan.request.kind == "auto" and plan.reason != ADVANCES
-    tells_reason = not is_polynomial or was_chosen or NEARLY_STOPS in plan.reason
-    reason = [Fact("law", plan.reason)] if tells_reason else []
-    facts = [*reason, *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]
+    facts = [Fact("law", plan.reason), *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]
     return [head, *(fact.line for fact in facts)]
 
 

@@ -159,7 +159,7 @@ def _report_near(options: Namespace) -> Report:
     try:
         nearest = nearest_pose(robot, target)
     except NotAssembled as failure:  # out of reach, and the search has ended at Type 1
-        sentence = f"{robot.place(robot.reference.x)}; {str(failure).removeprefix(f'{robot.name}: ')}"
+        sentence = f"{robot.place(robot.reference.x)}; {failure.sentence}"
     else:
         q = nearest.q
         if nearest.stops:
@@ -272,8 +272,8 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
                     "no straight path from the reference leads there, but another one does"
                 )
                 return q
-            addition = f"; {sentence}"
-        failure.args = (f"{failure}{addition}",)
+            addition = sentence
+        failure.adding(addition)
         if advise_all and not impossible and _has_pose(robot, motor_joints, point):
             raise failure.advising({"all": True}) from None
         raise failure.advising(None) from None
@@ -292,7 +292,7 @@ def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str,
     try:
         nearest = nearest_pose(robot, point)
     except NotAssembled as failure:  # no pose within ranges
-        return failure.q, str(failure).removeprefix(f"{robot.name}: "), {"stops": [str(failure)]}
+        return failure.q, failure.sentence, {"stops": [str(failure)]}
     motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
     document = {
         "platform": dict(zip(robot.axis_names, nearest.x.tolist(), strict=True)),
@@ -371,7 +371,7 @@ def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
     assembly = assembly_modes(robot, options.motor_joints)
     degrees = "" if assembly.modes else _explain_failure(robot, options)
     if degrees:
-        options.warnings.append(degrees.removeprefix("; "))
+        options.warnings.append(degrees)
     lines = [f"  assembly modes    {assembly.sentence}"]
     modes = []
     for mode in assembly.modes:
@@ -389,10 +389,8 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all working modes of a platform point; refuse without any."""
     working = working_modes(robot, options.point)
     if not working.modes:
-        reason = _explain_failure(robot, options)
-        options.refusal = NoAnswer(
-            f"{robot.name}: out of reach: no pose was found with this platform{reason}"
-        )
+        refusal = NoAnswer("out of reach: no pose was found with this platform", name=robot.name)
+        options.refusal = refusal.adding(_explain_failure(robot, options))
     lines = [f"  working modes     {working.sentence}"]
     modes = []
     for mode in working.modes:

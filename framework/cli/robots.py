@@ -27,9 +27,9 @@ from framework.errors import FrameworkError, InvalidInput, MissingPackage, NotAs
 from framework.kinematics.diagnostics.diagnosis import Diagnosis, check_robot, reference_in_words
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
 from framework.model.robot_file_writer import write_robot_file
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.output import Document, select_fields, write_files
 from framework.proofs.converted_reference import choose_reference
 
@@ -234,7 +234,7 @@ def _find_description(name: str) -> str:
 
 def _dry_friction(parsed: ParsedRobot) -> str:
     """State the dry friction of joints without a motor, by size."""
-    slides = {joint.get("name") for joint in parsed.urdf.findall("./joint[@type='prismatic']")}
+    slides = {joint.name for joint in parsed.tree.joints.values() if joint.kind == "prismatic"}
     joints = defaultdict[str, list[str]](list)  # by size and unit
     for name, dynamics in parsed.description.joints.items():
         if dynamics.friction and name not in parsed.description.motor_joints:  # plans count that of motors

@@ -87,7 +87,7 @@ NO_SENSORS = (
 )
 NO_TRIAL = "no sensors pass in all trial runs: {}"
 SWEPT = 6  # values of a sweep
-STORED_RUNS = 25  # in a stored chunk, at most
+STORED_RUNS = 25  # in a stored chunk, at most: an interrupted study loses no more of them
 MAX_RUNS = 1_000_000
 
 

@@ -112,7 +112,7 @@ def _check_on_path(result: Simulation) -> None:
 def simulation_lines(result: Simulation) -> list[str]:
     """Return the report on a simulation, in words."""
     unit, _ = _unit_and_limit(result)
-    iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
+    iterations = "" if METHODS[result.method].stages == 0 else f", {result.iterations} iterations"
     lines = [HEAD.format(result, iterations)]
     if result.tracking_error is not None:
         lines.append(TRACKING.format(result, unit))

@@ -83,6 +83,8 @@ def _make_document(result: LinkageTransmission) -> Document:
             "friction": _range(result.friction[:, k]),
             "backlash_gain": _range(result.backlash[:, k]),
             "play": _range(result.play[:, k]),
+            "springs": _range(result.springs[:, k]),
+            "damping": _range(result.damping[:, k, k]),
             "armature": result.armature[k, k],
         }
     return {
@@ -108,13 +110,17 @@ AXIS = """\
     torque [N m, N]       least {torque[0]}, largest {torque[1]}
     speed                 largest {speed[1]}
     reflected             dry friction {friction}; backlash of 1 of all motors' joints {backlash_gain}\
-{play}"""
+{play}{held}"""
 PLAY = "\n    play                  {} with motors at rest, by the backlash in the robot file"
+HELD = "\n    springs and dampers   motors hold {springs} at rest [N m, N]; damping {damping} [N m s, N s/m]"
 ROW = (
     "    {axis}\t{frequency:g} Hz\t{nothing_known:.3g}\t{constant_armature:.3g}\t{own_armature:.3g}"
-    "\t{carried:.3g}"
+    "\t{own_springs:.3g}\t{carried:.3g}"
 )
-COLUMNS = "    axis\tsine\tnothing known\tconstant armature\tarmature of the pose\tcarried body needs"
+COLUMNS = (
+    "    axis\tsine\tnothing known\tconstant armature\tarmature of the pose"
+    "\twith springs, dampers\tcarried body needs"
+)
 
 
 def _format(document: Document) -> list[str]:
@@ -124,6 +130,7 @@ def _format(document: Document) -> list[str]:
     for name, axis in document["axes"].items():
         words = {key: _words(value) for key, value in axis.items() if key != "armature"}
         words["play"] = PLAY.format(words["play"]) if axis["play"][1] else ""
+        words["held"] = HELD.format_map(words) if any(axis["springs"] + axis["damping"]) else ""
         lines.append(AXIS.format_map({"name": name, "armature": axis["armature"], **words}))
     lines += [ERROR_HEAD, COLUMNS]
     names = list(document["axes"])

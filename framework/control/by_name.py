@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
 from framework.control.prediction import LinearModels
@@ -18,40 +17,7 @@ GAINS = ("bandwidth", "integral", "torque_share")  # fields of Tuning that a lab
 REGULATOR_GAINS = ("torque_share",)  # those of lqr and lqg; the others have the rest
 
 
-class Setting(NamedTuple):
-    """What a controller is tuned for."""
-
-    reference: Reference
-    loop: ControlLoop
-    spread: Spread
-    tuning: Tuning
-    models: LinearModels | None = None  # about the reference, for the spread and these estimates
-
-
-def _tune_lqg(setting: Setting) -> Controller:
-    """Tune time-varying gains with a Kalman filter."""
-    reference, loop, spread, tuning, models = setting
-    models = models or LinearModels.of(reference, spread, tuning)
-    return models._replace(tuning=tuning).tune_lqg(loop)[0]
-
-
-def _fixed_gain_options(setting: Setting) -> dict[str, Any]:
-    """Return loop, bandwidth and integral of controllers with fixed gains."""
-    tuning = setting.tuning
-    return {"loop": setting.loop, "bandwidth": tuning.bandwidth, "integral": tuning.integral}
-
-
-CONTROLLERS: Mapping[str, Callable[[Setting], Controller]] = {
-    "feedforward": lambda one: FeedforwardPD.tune(one.reference, **_fixed_gain_options(one)),
-    "lqr": lambda one: tune_lqr(
-        one.reference, loop=one.loop, weights=Weights(torque=one.tuning.torque_share)
-    ),
-    "lqg": _tune_lqg,
-    "computed_torque": lambda one: ComputedTorque.tune(one.reference, aware=True, **_fixed_gain_options(one)),
-    "naive_computed_torque": lambda one: ComputedTorque.tune(
-        one.reference, aware=False, **_fixed_gain_options(one)
-    ),
-}
+CONTROLLERS = ("feedforward", "lqr", "lqg", "computed_torque", "naive_computed_torque")
 
 
 def split_label(label: str) -> tuple[str, dict[str, Any]]:
@@ -92,5 +58,13 @@ def tuned_controller(
         InvalidInput: unknown name, or a robot that the controller cannot drive.
     """
     check_choice("controller", name, CONTROLLERS)
-    setting = Setting(reference, loop or ControlLoop(), spread or Spread(), tuning or Tuning(), models)
-    return CONTROLLERS[name](setting)
+    loop, spread, tuning = loop or ControlLoop(), spread or Spread(), tuning or Tuning()
+    if name == "lqr":
+        return tune_lqr(reference, loop=loop, weights=Weights(torque=tuning.torque_share))
+    if name == "lqg":
+        models = models or LinearModels.of(reference, spread, tuning)
+        return models._replace(tuning=tuning).tune_lqg(loop)[0]
+    gains: dict[str, Any] = {"loop": loop, "bandwidth": tuning.bandwidth, "integral": tuning.integral}
+    if name == "feedforward":
+        return FeedforwardPD.tune(reference, **gains)
+    return ComputedTorque.tune(reference, aware=name == "computed_torque", **gains)

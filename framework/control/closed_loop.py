@@ -77,8 +77,7 @@ def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
         if loop.limit is not None:
             limits = motor_limits(reference.robot, "torque_limit", loop.limit)
     except InvalidInput as reason:
-        # the option of the loop is called limit, that of the robot file torque_limit
-        raise InvalidInput(str(reason).removeprefix("torque_")) from None
+        raise reason.naming("limit") from None  # as the option of the loop is called
     return np.where(np.isfinite(limits), limits, 10 * np.abs(reference.torque).max(axis=0))
 
 

@@ -7,7 +7,8 @@
 A cycle predicts the pose from the tangents T = dq/dq_a of the last three cycles, by the formula of Adams and
 Bashforth. Newton's method then closes the loops with the passive joints, P dq_p = -residual. Its first step
 takes P^-1 of the last cycle, which leaves so little that at the usual speeds of motors one linearisation is
-enough. With the joint accelerations a_0 at ddq_a = 0,
+enough. P is factorised by LAPACK itself: the checks of `np.linalg.inv` take longer than a small inverse.
+With the joint accelerations a_0 at ddq_a = 0,
 
     torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' (RNEA(q, v, a_0) + ...) / n,
 
@@ -18,6 +19,8 @@ steps, or reports the singularity at which the assembly mode ends.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 
@@ -26,7 +29,7 @@ from framework.dynamics.pointwise_dynamics import type2_pose
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.attitude import RotationVector
-from framework.kinematics.closures import row_factors
+from framework.kinematics.closures import loop_wrenches, row_factors
 from framework.kinematics.continuation.forward_kinematics import (
     check_motors_are_free,
     forward_kinematics,
@@ -49,11 +52,13 @@ from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 # [rad, robot lengths]: the last Newton step is smaller. It is the error of the rates, since T is computed
 # before the step; the error of the pose is its square
 LAST_STEP = 1e-10
-# of an angular velocity w (3,): w @ CROSS_ROWS is the transposed matrix (9,) of w x, by rows
-CROSS_ROWS = np.array(
-    [[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0], [0, 1, 0, -1, 0, 0, 0, 0, 0]], dtype=float
-)
+# of a twist (v, w) (6,): twist @ TWIST_ROWS is the matrix (16,), by rows, of [[w x transposed, 0], [v, 0]]
+TWIST_ROWS = np.zeros((6, 16))
+TWIST_ROWS[range(6), [12, 13, 14, 6, 8, 1]] = 1.0  # v in the last row; and of w x transposed
+TWIST_ROWS[[3, 4, 5], [9, 2, 4]] = -1.0
 SECOND_DERIVATIVE = np.array([1.0, 2.0, 1.0])  # of a product, by the rule of Leibniz
+# T + (T - last) / 2 + 5/12 (T - 2 last + former), the mean tangent of equal steps to third order
+ADAMS_BASHFORTH = np.array([23.0, -16.0, 5.0]) / 12.0
 
 
 class ControlCycle:
@@ -76,6 +81,8 @@ class ControlCycle:
                 armature of balls drives an idle turn; `near` is not assembled.
             SingularPose: the start is at a Type 2 singularity.
         """
+        from scipy.linalg import lapack
+
         expect_robot(robot)
         require_square(robot)
         check_motors_are_free(robot)
@@ -83,23 +90,22 @@ class ControlCycle:
         start = start_pose(robot, near)
         self.robot = robot
         self._equations = SinglePose(robot)
-        self._data = robot.model.createData()
+        self._data = self._equations.model.createData()
         self._has_springs = bool(robot.joint_stiffness.any() or robot.line_springs.names)
         self._names = ", ".join(robot.actuator_names)
         # computed once, not in every cycle
+        self._factorise, self._invert, self._norm = lapack.dgetrf, lapack.dgetri, lapack.dlange
         self._actuated, self._following = robot.actuated, robot.following
-        # independent loop equations, None for all; all rows are combined if `_bases`
-        independent = robot.structure.independent
-        self._independent = None if len(independent) == len(robot.rows.names) else independent
+        self._pivot_order = np.arange(len(robot.following))
         self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         # scales that make P, its unknowns and its right-hand sides dimensionless
         self._scale = robot.passive_scale  # (n_p, n_p) of the entries of P, for n_p passive joints
         self._passive_lengths = robot.column_scale[robot.following]  # (n_p,) of the unknowns
-        row_sizes = robot.loop_lengths * robot.structure.row_sizes
+        row_sizes = robot.loop_lengths * robot.structure.row_sizes  # of the independent equations
         self._solver_scale = -self._passive_lengths[:, None] / row_sizes  # of -P^-1, back to units
+        self._rotors = robot.rotor_inertia * robot.gear_ratio  # (n_a,) of motor torques
         # columns of `SinglePose.table`: the residual, then the actuated joints
         self._right_sides = np.append(robot.nv, robot.actuated)
-        self._identity = np.eye(len(robot.following))
         self._bases: Array | None = None  # (1, R, m) of the range of the loops' Jacobian, along the motion
         if robot.structure.varies:
             self._span_sizes = robot.equations.span_scale[:, None]
@@ -110,6 +116,8 @@ class ControlCycle:
         self.x = start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
         self.T[robot.actuated] = np.eye(robot.n_a)
+        self._tangents = np.empty((3, *self.T.shape))  # T of the last three cycles, the last one first
+        self._step = np.zeros(robot.nv)  # of Newton's method; motors rest
         if self._linearise(self.q) == np.inf:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
         self._search: PoseSearch | None = None  # made when needed
@@ -133,7 +141,7 @@ class ControlCycle:
             self._linearise(self.q)
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
             self._linearise(q)
-            self._former_tangents = (self.T.copy(),) * 2
+            self._tangents[:] = self.T
         self._motors = target.copy() if self._has_no_balls else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
 
@@ -165,15 +173,15 @@ class ControlCycle:
         Raises:
             InvalidInput: not n_a finite numbers.
         """
-        robot = self.robot
-        acceleration = finite_numbers(f"ddq_a ({self._names})", ddq_a, robot.n_a)
+        acceleration = finite_numbers(f"ddq_a ({self._names})", ddq_a, self.robot.n_a)
         a = self._drift_acceleration() + self.T @ acceleration
-        return self._motor_torque(a) + robot.rotor_inertia * robot.gear_ratio * acceleration
+        return self._motor_torque(a) + self._rotors * acceleration
 
     @property
     def residual(self) -> float:
         """Largest residual of all loop equations at q, redundant ones included [m or rad]."""
-        return float(np.abs(self._equations.residual_of_frames(self.q)).max(initial=0.0))
+        residual = loop_wrenches(self.robot.rows, self._equations.frame_stack(self.q)).residual
+        return float(np.abs(residual).max(initial=0.0))
 
     @property
     def mass(self) -> Array:
@@ -194,8 +202,7 @@ class ControlCycle:
         lies in [sigma / sqrt(n_p), sigma sqrt(n_p)]. It is never negative, as the cycle stays in its assembly
         mode, and infinite without passive joints.
         """
-        norm = float(np.abs(self._inverse).sum(axis=0).max(initial=0.0))
-        return 1.0 / norm if norm else np.inf
+        return 1.0 / self._inverse_norm if self._inverse_norm else np.inf
 
     @property
     def type1(self) -> float:
@@ -210,7 +217,7 @@ class ControlCycle:
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
     def _linearise(self, q: Array) -> float:
-        """Compute P^-1, T and the Newton step (n_p,) at q (nq,); return the size of the step.
+        """Compute P^-1, T and the Newton step (nv,) at q (nq,); return the size of the step.
 
         P and J_a are the passive and the actuated columns of the independent loop equations. The step dq_p
         and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]; `_solver` is -P^-1. The size of
@@ -222,24 +229,29 @@ class ControlCycle:
             moving = self.robot.moving
             J = equations.jacobian[:, moving] * self.robot.column_scale[moving] / self._span_sizes
             self._bases = align_bases(J[None], self._bases)
-        table = self._select_rows(equations.table)  # (n_p, nv + 1)
-        self._P = table.take(self._following, axis=1) * self._scale  # dimensionless
-        try:
-            self._inverse = np.asarray(np.linalg.inv(self._P), dtype=float)
-        except np.linalg.LinAlgError:
-            self._inverse = np.full_like(self._P, np.inf)  # so that `type2` is 0
-            return np.inf
-        self._solver = self._inverse * self._solver_scale
+        table = self._combine_rows(equations.table)  # (n_p, nv + 1)
+        P = table.take(self._following, axis=1) * self._scale  # dimensionless
+        if len(P):
+            factors, pivots, first_zero = self._factorise(P)
+            if first_zero:  # P is singular
+                self._inverse_norm = np.inf
+                return np.inf
+            inverse, _ = self._invert(factors, pivots)
+            self._inverse_norm = self._norm("1", inverse)
+            swaps = np.count_nonzero(pivots != self._pivot_order)
+            self._determinant = math.prod(factors.diagonal().tolist()) * (-1.0) ** swaps
+        else:  # the motors are all joints
+            inverse, self._inverse_norm, self._determinant = P, 0.0, 1.0
+        self._solver = inverse * self._solver_scale
         solution = self._solver @ table.take(self._right_sides, axis=1)  # (n_p, 1 + n_a) dq_p, T_p
-        self._step = solution[:, 0]
+        step = solution[:, 0]
+        self._step[self._following] = step
         self.T[self._following] = solution[:, 1:]
-        return float(np.abs(self._step / self._passive_lengths).max(initial=0.0))
+        return float(np.abs(step / self._passive_lengths).max(initial=0.0))
 
-    def _select_rows(self, values: Array) -> Array:
-        """Return values (m, ...) of the independent equations, or of the combinations by the bases."""
-        if self._bases is None:
-            return values if self._independent is None else values.take(self._independent, axis=0)
-        return (self._bases[0] / self._span_sizes).T @ values
+    def _combine_rows(self, values: Array) -> Array:
+        """Return values (m, ...) of the equations, or of their combinations by the bases."""
+        return values if self._bases is None else (self._bases[0] / self._span_sizes).T @ values
 
     def _predict_and_correct(
         self,
@@ -254,62 +266,49 @@ class ControlCycle:
         T of the last cycle predict the step; afterwards they are those of the new configuration, even of a
         refused one.
         """
-        last_P, last_inverse = self._P, self._inverse
-        robot = self.robot
-        former, last, T = *self._former_tangents, self.T.copy()  # of the last three cycles
+        last_determinant = self._determinant
         motor_step = target - self._motors  # (n_a,)
-        tangent_step = T @ motor_step
-        # T + (T - last) / 2 + 5/12 (T - 2 last + former), the mean tangent of equal steps to third order
-        prediction = (23.0 * T - 16.0 * last + 5.0 * former) @ motor_step / 12.0
-        q = self._integrate(self.q, prediction)
+        tangent_steps = self._tangents @ motor_step  # (3, nv) by T of the last three cycles
+        tangent_step = tangent_steps[0]
+        change = ADAMS_BASHFORTH @ tangent_steps  # (nv,) sum of all steps
+        q = self._integrate(self.q, change)
         if self._has_no_balls:
             q[self._actuated] = target  # exactly, without the rounding of the sum
 
         # correct with P^-1 of the last cycle, then by Newton steps, each smaller than the one before it
         self._equations.evaluate_residual(q)
-        correction = np.zeros(robot.nv)  # sum of all steps
-        correction[self._following] = self._solver @ self._select_rows(self._equations.residual)
-        q = self._integrate(q, correction)
+        self._step[self._following] = self._solver @ self._combine_rows(self._equations.residual)
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(max_iterations):
-            size = self._linearise(q)
+            q = self._integrate(q, self._step)
+            change += self._step
+            size = self._linearise(q)  # which sets the next step
             if not size < previous_size:  # Newton's method diverges, or P is singular
                 return None
-            if size > 0.0:
-                step = np.zeros(robot.nv)
-                step[self._following] = self._step  # set by `_linearise`
-                q = self._integrate(q, step)
-                correction += step
-                previous_size = size
             if size < LAST_STEP:
                 break
+            previous_size = size
         else:  # too many iterations
             return None
+        q = self._integrate(q, self._step)
+        change += self._step
 
         # judge the step along the last tangent by the largest motion of a joint [rad, robot lengths]
-        motions = [correction + prediction - tangent_step, tangent_step, self.T @ motor_step - tangent_step]
-        largest = np.abs(np.array(motions) / robot.column_scale).max(axis=1)
-        corrected, predicted, tangent_change = largest.tolist()
+        motions = np.array([change, tangent_step, self.T @ motor_step])
+        motions[::2] -= tangent_step
+        corrected, predicted, tangent_change = np.abs(motions / self.robot.column_scale).max(axis=1).tolist()
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)
-            and self._keeps_sign(last_P, last_inverse)
+            # a determinant far below the last one is rounding, so its sign says nothing
+            and self._determinant * last_determinant > DETERMINANT_LOST * last_determinant**2
             and self.type2 > BRANCHES_MEET
         )
         if not is_accepted:
             return None
-        self._former_tangents = (last, T)
+        self._tangents[1:] = self._tangents[:-1]
+        self._tangents[0] = self.T
         return q
-
-    def _keeps_sign(self, last_P: Array, last_inverse: Array) -> bool:
-        """Return whether det P has kept its sign since the last P (n_p, n_p), of this inverse."""
-        ratio = last_inverse @ self._P  # its determinant is det P over the last one
-        change = np.abs(ratio - self._identity).sum(axis=0).max(initial=0.0)
-        if change < 0.5:  # then no eigenvalue of the ratio is below 1/2
-            return True
-        last_determinant = np.linalg.det(last_P)
-        # a determinant far below the last one is rounding, so its sign says nothing
-        return bool(np.linalg.det(self._P) * last_determinant > DETERMINANT_LOST * last_determinant**2)
 
     def _integrate(self, q: Array, step: Array) -> Array:
         """Return the configuration (nq,) after a step (nv,) from q."""
@@ -318,7 +317,7 @@ class ControlCycle:
     def _rest_at(self, q: Array) -> None:
         """Set the state of rest at q (nq,)."""
         self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
-        self._former_tangents = (self.T.copy(),) * 2  # T of the last but one and of the last cycle
+        self._tangents[:] = self.T
         self._set_state(q, np.zeros(self.robot.n_a))
 
     def _set_state(self, q: Array, rates: Array) -> None:
@@ -340,11 +339,11 @@ class ControlCycle:
         The rates of the attitude follow from the angular velocity w. A rotation vector r has the rates
         dr = Jexp(-r)^-1 w. For the other kinds of attitude the matrix `couples` takes w to the rates.
         """
-        linear, w = self._equations.platform_twist()  # velocity and angular velocity, (3,) each
-        attitude = platform.attitude
-        position = self._equations.platform_origin
+        position, linear = self._equations.platform_motion()
         if platform.is_point:  # its coordinates are positions along base axes
             return position[platform.along], linear[platform.along]
+        w = self._equations.platform_turning()
+        attitude = platform.attitude
         frames = self._equations.frame_stack(self.q)
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]
         dx = np.empty(platform.n)
@@ -364,7 +363,7 @@ class ControlCycle:
         """
         if self._drift is None:
             self._drift = np.zeros(len(self.v))
-            loop_drift = self._select_rows(self._equations.drift(self.q, self.v))
+            loop_drift = self._combine_rows(self._equations.drift(self.q, self.v))
             self._drift[self._following] = self._solver @ loop_drift
         return self._drift
 
@@ -374,7 +373,7 @@ class ControlCycle:
         The generalised forces of the open tree are projected by T', which eliminates the loop forces.
         """
         robot = self.robot
-        force = pin.rnea(robot.model, self._data, self.q, self.v, a)
+        force = pin.rnea(self._equations.model, self._data, self.q, self.v, a)
         if robot.is_damped:
             force = force + damping_forces(robot, self.q[None], self.v[None])[0]
         if self._has_springs:
@@ -383,90 +382,96 @@ class ControlCycle:
 
 
 class SinglePose:
-    """Loop equations, Jacobian and drift of one configuration at a time, in few calls of numpy.
+    """Spanning loop equations, Jacobian and drift of one configuration, in few calls of numpy.
 
     The equations are those of `closures`, which works on stacks. For a single configuration its calls on a
     dozen small arrays take longer than pinocchio. Here the arrays are allocated once and overwritten by each
     evaluation. So one object serves one thread.
+
+    An axis or an origin c of a frame is a row (c, 0) or (c, 1). The two vectors a and b of each loop equation
+    (`row_factors`) are differences of such rows, so one constant matrix selects them from all rows.
     """
 
     def __init__(self, robot: ParallelRobot) -> None:
         """Allocate the memory of one pose: its frames, m loop equations and their Jacobian (m, nv)."""
-        rows = robot.spanning_loops if robot.structure.varies else robot.rows
-        scratch = Scratch.of(robot.model, robot.frames)
+        rows = robot.spanning_loops
+        self.model = robot.model.copy()  # pinocchio writes beyond `scratch` once a caller adds frames
+        scratch = Scratch.of(self.model, robot.frames)
         count = len(rows.names)
+        frames = len(scratch.frames)
         self.robot = robot
         self.rows = rows
         self.scratch = scratch
-        # three axes and the origin of each frame, their velocities and their accelerations
-        self._rates = np.empty((3, len(scratch.frames), 4, 3))
-        self._placements = self._rates[0]
-        self._is_rotation = rows.rotation[:, None]
-        self._weight = rows.derivative_weight[:, None]
+        # (3, F, 4, 4) three axes and the origin of each frame, their velocities and their accelerations
+        self._motion = np.zeros((3, frames, 4, 4))
+        self._motion[0, :, 3, 3] = 1.0
+        self._placements = self._motion[0, :, :, :3]
+        # in `row_factors` of unit vectors: entry k of each of the vectors is the selector's column k
+        units = np.repeat(np.eye(4 * frames).reshape(-1, frames, 4, 1), 3, axis=3)
+        a, b = row_factors(rows, units)  # (4 F, m, 3) each
+        # the arm p of a force at the second frame's origin, which has the moment p x a; a couple is b x a
+        arms = np.where(rows.rotation, b[..., 0], np.eye(4 * frames)[:, rows.vectors[3]])
+        self._selector = np.concatenate([a[..., 0], b[..., 0], arms], axis=1).T  # (3 m, 4 F) of a, b, arms
+        self._force_weight = rows.force_weight[:, None]
+        self._moment_weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)  # (m, nv)
         self._wrench = np.empty((count, 6))  # of each row of the Jacobian
         self.table = np.empty((count, robot.nv + 1))
-        self.jacobian = self.table[:, : robot.nv]  # of all loop equations
+        self.jacobian = self.table[:, : robot.nv]
         self.residual = self.table[:, robot.nv]  # [m, rad]
         self._no_acceleration = np.zeros(robot.nv)
 
     def evaluate_residual(self, q: Array) -> None:
-        """Compute the residual (m,) of all loop equations at q (nq,)."""
-        pin.framesForwardKinematics(self.robot.model, self.scratch.data, q)
+        """Compute the residual (m,) at q (nq,)."""
+        pin.framesForwardKinematics(self.model, self.scratch.data, q)
+        self._update_frames()
         self._update_residual(q)
 
     def evaluate_pose(self, q: Array) -> None:
-        """Compute residual (m,) and Jacobian (m, nv) of all loop equations at q (nq,).
+        """Compute residual (m,) and Jacobian (m, nv) at q (nq,).
 
-        Each row of the Jacobian is a wrench times the screws of the joints: a force a at the second frame's
-        origin, or for a rotation the couple b x a, with a and b of `_update_residual`.
+        Each row of the Jacobian is a wrench times the screws of the joints: a force along a at the second
+        frame's origin, or for a rotation the couple b x a.
         """
-        scratch = self.scratch
-        rows = self.rows
         wrench = self._wrench
-        pin.computeJointJacobians(self.robot.model, scratch.data, q)
-        pin.updateFramePlacements(self.robot.model, scratch.data)
-        force, second = self._update_residual(q)  # a and b
-        # origins (m, 3) of the second frames: `vectors` are indices into all axes and origins of the frames
-        lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)
-        if rows.only_translations:
-            wrench[:, :3] = force
-        else:
-            force = self._weight * force
-            lever = np.where(self._is_rotation, second, lever)
-            wrench[:, :3] = np.where(self._is_rotation, 0.0, force)
-        wrench[:, 3:] = cross(lever, force)
-        np.matmul(wrench, scratch.screws.T, out=self.jacobian)
+        pin.computeJointJacobians(self.model, self.scratch.data, q)
+        pin.updateFramePlacements(self.model, self.scratch.data)
+        self._update_frames()
+        a, arms = self._update_residual(q)  # (m, 3) each
+        np.multiply(self._force_weight, a, out=wrench[:, :3])
+        np.multiply(self._moment_weight, cross(arms, a), out=wrench[:, 3:])
+        np.matmul(wrench, self.scratch.screws.T, out=self.jacobian)
         # 1 for joints that carry only the second frame, -1 for those that carry only the first, else 0
         self.jacobian *= self._signs
-        if rows.has_couplings:
-            self.jacobian += coupling_jacobian(rows, q[None], self.robot.nv)[0]
+        if self.rows.has_couplings:
+            self.jacobian += coupling_jacobian(self.rows, q[None], self.robot.nv)[0]
 
     def evaluate_motion(self, q: Array, v: Array) -> None:
-        """Compute frames and twists of bodies at q (nq,) for joint rates v (nv,).
+        """Compute placements and velocities of frames at q (nq,) for joint rates v (nv,).
 
-        The twists are stored in `scratch`, together with their rates at zero joint accelerations, from which
-        `drift` is computed.
+        Axes have c' = w x c, origins c' = u + w x c, with the twist (u, w) of the frame's body. With rows,
+        (c', 0) = (c, 1) [[w x transposed, 0], [u, 0]].
         """
         scratch = self.scratch
-        pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, self._no_acceleration)
-        pin.updateFramePlacements(self.robot.model, scratch.data)
+        pin.computeForwardKinematicsDerivatives(self.model, scratch.data, q, v, self._no_acceleration)
+        pin.updateFramePlacements(self.model, scratch.data)
         self._update_frames()
+        # (2, F, 6) twists of the frames' bodies, and their rates without joint accelerations
+        twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
+        self._twists = (twists @ TWIST_ROWS).reshape(2, -1, 4, 4)
+        np.matmul(self._motion[0], self._twists[0], out=self._motion[1])
 
     def drift(self, q: Array, v: Array) -> Array:
         """Compute the drift dJ/dt v (m,) of the loop equations at the q, v of `evaluate_motion`.
 
-        Axes and origins c of the frames have c' = w x c and c" = dw/dt x c + w x c'; origins also the linear
-        parts of the twists. Vectors are rows here: w x c is c times the transposed matrix of w x.
+        The second derivative of (c, 1) has the rate of the twist's matrix, and the matrix times (c', 0).
         """
-        scratch = self.scratch
-        # (2, F, 6) twists of the frames' bodies, and their rates
-        twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        turns = (twists[..., 3:] @ CROSS_ROWS).reshape(2, -1, 3, 3)  # transposed matrices of w x and dw/dt x
-        np.matmul(self._placements, turns, out=self._rates[1:])
-        self._rates[1:, :, 3] += twists[..., :3]
-        self._rates[2] += self._rates[1] @ turns[0]
-        a, b = row_factors(self.rows, self._rates)  # (3, m, 3) each: vectors, velocities, accelerations
+        points, velocities, accelerations = self._motion
+        turn, turn_rate = self._twists
+        np.matmul(points, turn_rate, out=accelerations)
+        accelerations += velocities @ turn
+        factors = self._selector @ self._motion.reshape(3, -1, 4)  # (3, 3 m, 4)
+        a, b, _arms = factors.reshape(3, 3, -1, 4).swapaxes(0, 1)  # (3, m, 4) and two derivatives
         # (a . b)" = a . b" + 2 a' . b' + a" . b
         drift: Array = SECOND_DERIVATIVE @ np.vecdot(a, b[::-1]) * self.rows.weight
         if self.rows.has_couplings:
@@ -477,46 +482,32 @@ class SinglePose:
         """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
         return FrameStack(self._placements[None], self.scratch.screws[None], self.scratch.carried, q[None])
 
-    def platform_twist(self) -> tuple[Array, Array]:
-        """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`.
+    def platform_motion(self) -> tuple[Array, Array]:
+        """Return position and velocity (3,) of the platform's origin at the last `evaluate_motion`."""
+        position, velocity, _acceleration = self._motion[:, 0, 3, :3]
+        return position, velocity
 
-        Pinocchio has the twist of the platform's body at the base's origin: velocity, then angular velocity.
-        """
-        twist = self.scratch.velocities[self.scratch.bodies[0]]
-        return twist[:3] + cross(twist[3:], self.platform_origin), twist[3:]
-
-    @property
-    def platform_origin(self) -> Array:
-        """The origin (3,) of the platform's frame at the last `evaluate_pose` or `evaluate_motion`."""
-        return self._placements[0, 3]
-
-    def residual_of_frames(self, q: Array) -> Array:
-        """Compute the residual (m,) of all loop equations at the q (nq,) of the last evaluation."""
-        self._residual_factors(q)
-        return self.residual
+    def platform_turning(self) -> Array:
+        """Return the angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""
+        return self.scratch.velocities[self.scratch.bodies[0], 3:]
 
     def _update_frames(self) -> None:
         """Copy axes and origins of the frames from pinocchio."""
         placements = self.scratch.placements.reshape(-1, 4, 3)
-        placements.take(self.scratch.frames, axis=0, out=self._placements)
+        self._placements[:] = placements.take(self.scratch.frames, axis=0)
 
     def _update_residual(self, q: Array) -> tuple[Array, Array]:
-        """Update frames and residual at q (nq,) from pinocchio's results; return vectors a, b (m, 3)."""
-        self._update_frames()
-        return self._residual_factors(q)
+        """Update the residual at q (nq,) from the frames; return vectors a and arms (m, 3).
 
-    def _residual_factors(self, q: Array) -> tuple[Array, Array]:
-        """Update the residual at q (nq,) from the frames; return vectors a, b (m, 3).
-
-        The residual of a loop equation is weight a . b - constant. The vectors a and b are axes of its two
-        frames or the offset between their origins, see `row_factors`.
+        The residual of a loop equation is weight a . b - constant.
         """
         rows = self.rows
-        a, b = row_factors(rows, self._placements)
+        factors = self._selector @ self._motion[0].reshape(-1, 4)  # (3 m, 4)
+        a, b, arms = factors.reshape(3, -1, 4)[..., :3]  # (m, 3) each
         np.vecdot(a, b, out=self.residual)
         if not rows.only_translations:  # translations have the weight 1 and the constant 0
             self.residual *= rows.weight
             self.residual -= rows.constant
         if rows.has_couplings:
             self.residual[rows.coupled] = coupling_derivatives(rows, q[None], 0)[0]
-        return a, b
+        return a, arms

@@ -175,42 +175,25 @@ class FeedforwardPD:
             bandwidth = _bandwidth_of_springs(reference, inertia, delay)
         return FeedforwardPD(reference, MotorControl.of(inertia, bandwidth), delay, integral)
 
-    def start(self, runs: int) -> FeedforwardPD | _MotorIntegral:
+    def start(self, runs: int) -> IntegralRun:
         """Return the controller of R runs at the start of the plan."""
-        return _MotorIntegral(self, np.zeros((runs, self.reference.robot.n_a))) if self.integral else self
+        return IntegralRun(self, np.zeros((runs, self.reference.robot.n_a)))
 
-    def torque(self, k: int, measurement: Measurement) -> Array:
+    def error(self, k: int, measurement: Measurement) -> Array:
+        """Compute the errors (R, n_a) [rad, m] of the motors' angles at sampling instant k."""
+        return self.reference.motor_angle[k] - measurement.motor_angle
+
+    def torque(self, k: int, measurement: Measurement, offset: Array | float = 0.0) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
         They are the torques planned for the period in which they act, plus feedback of the errors of the
-        measured motor angles and speeds.
+        measured motor angles and speeds. An `offset` (R, n_a) is added to the errors of angles.
         """
         ref = self.reference
-        angle_error = ref.motor_angle[k] - measurement.motor_angle
+        angle_error = self.error(k, measurement) + offset
         speed_error = ref.motor_speed[k] - measurement.motor_speed
         planned = ref.period_torque[min(k + self.delay, len(ref.times) - 1)]
         return planned + self.feedback.torque(angle_error, speed_error)
-
-
-@dataclass(eq=False)
-class _MotorIntegral:
-    """Feedforward with the integrals of the angle errors of R runs."""
-
-    controller: FeedforwardPD
-    error_integral: Array  # (R, n_a) [rad s]
-
-    @property
-    def reference(self) -> Reference:
-        """The planned motion."""
-        return self.controller.reference
-
-    def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
-        own = self.controller
-        self.error_integral = self.error_integral + self.reference.period * (
-            self.reference.motor_angle[k] - measurement.motor_angle
-        )
-        return own.torque(k, measurement) + own.integral * own.feedback.k_p * self.error_integral
 
 
 DEFAULT_BANDWIDTH = 40.0  # [rad/s] of feedforward
@@ -314,9 +297,14 @@ class ComputedTorque:
         thresholds = fading_thresholds(J[:, :, robot.following])
         return ComputedTorque(reference, multipliers, thresholds, bandwidth, integral)
 
-    def start(self, runs: int) -> ComputedTorque | _PlatformIntegral:
+    def start(self, runs: int) -> IntegralRun:
         """Return the controller of R runs at the start of the plan."""
-        return _PlatformIntegral(self, np.zeros((runs, self.reference.robot.n))) if self.integral else self
+        return IntegralRun(self, np.zeros((runs, self.reference.robot.n)))
+
+    def error(self, k: int, measurement: Measurement) -> Array:
+        """Compute the errors (R, n) [m, rad] of the platform at sampling instant k."""
+        state = estimate_state(self.reference, k, measurement, aware=self.multipliers is not None)
+        return self.reference.x[k] - state.x
 
     def torque(self, k: int, measurement: Measurement, offset: Array | float = 0.0) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
@@ -336,7 +324,7 @@ class ComputedTorque:
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale  # (R, nv)
         # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
-        J_T = scale_jacobian(robot, motion.loops, robot.loop_rotation).transpose(0, 2, 1)
+        J_T = scale_jacobian(robot, motion.loops, robot.loop_lengths).transpose(0, 2, 1)
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
 
@@ -353,11 +341,11 @@ class ComputedTorque:
 
 
 @dataclass(eq=False)
-class _PlatformIntegral:
-    """Computed torque with the integrals of the platform's errors of R runs."""
+class IntegralRun:
+    """Feedforward or computed torque with the integrals of the errors of R runs."""
 
-    controller: ComputedTorque
-    error_integral: Array  # (R, n) [m s, rad s]
+    controller: FeedforwardPD | ComputedTorque
+    error_integral: Array  # (R, n_a) [rad s] of motors, or (R, n) [m s, rad s] of the platform
 
     @property
     def reference(self) -> Reference:
@@ -366,9 +354,10 @@ class _PlatformIntegral:
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
-        own, ref = self.controller, self.reference
-        state = estimate_state(ref, k, measurement, aware=own.multipliers is not None)
-        self.error_integral = self.error_integral + ref.period * (ref.x[k] - state.x)
+        own = self.controller
+        if not own.integral:
+            return own.torque(k, measurement)
+        self.error_integral = self.error_integral + own.reference.period * own.error(k, measurement)
         return own.torque(k, measurement, own.integral * self.error_integral)
 
 

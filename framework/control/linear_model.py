@@ -120,11 +120,12 @@ def linearise_variants(
     rates = (reference.x, reference.dx, reference.ddx)
     steps = np.concatenate([robot.elastic, robot.structure.idle])
     changes = coordinate_changes(robot, motion, steps, rates)
-    force_changes = driven_force_changes(robot, motion, joint_torque, changes)
+    r = tree_forces(robot, motion)
+    force_changes = driven_force_changes(robot, motion, r, joint_torque, changes)
     d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints, which rest
     changes = MotionChanges(*(change[..., :d, :] for change in changes))
     E = matmul(changes.q, force_changes[:, :, :d].swapaxes(2, 3))  # (3, K, d, d)
-    names, forces = _disturbance_forces(reference, changes, disturbances)  # (K, d, p) on y
+    names, forces = _disturbance_forces(reference, r, changes, disturbances)  # (K, d, p) on y
     deflections = changes.q[..., robot.elastic]  # (K, d, n_e)
     models: list[LinearModel] = []
     for stiffness in stiffnesses:
@@ -367,12 +368,12 @@ def _replaced_deflections(robot: ParallelRobot, changes: MotionChanges, motors: 
 
 
 def _disturbance_forces(
-    reference: Reference, changes: MotionChanges, kinds: tuple[str, ...]
+    reference: Reference, r: Array, changes: MotionChanges, kinds: tuple[str, ...]
 ) -> tuple[tuple[str, ...], Array]:
     """Compute the generalised forces f (K, d, p) on y of unit disturbances, and their names (p,).
 
-    Units are shares: of the payload's inertia, of the peak torque (dry friction, torque), of the stiffness of
-    a spring; gravity is in m/s^2 on base axes.
+    The tree's forces along the plan are r (K, nv). Units are shares: of the payload's inertia, of the peak
+    torque (dry friction, torque), of the stiffness of a spring; gravity is in m/s^2 on base axes.
     """
     robot, motion = reference.robot, reference.motion
     for kind in kinds:
@@ -382,7 +383,7 @@ def _disturbance_forces(
     forces: list[Array] = []  # (K, nv, k) that act on the joints
     if "payload" in kinds:
         heavier = replace(robot, model=scale_payload(robot, 1 + SMALL_CHANGE))
-        change = tree_forces(heavier, motion) - tree_forces(robot, motion)
+        change = tree_forces(heavier, motion) - r
         names.append("payload")
         forces.append(-change[:, :, None] / SMALL_CHANGE)
     if "friction" in kinds:

@@ -176,9 +176,10 @@ def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
     instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     raise SpringsTooSoft(
-        f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
+        f"the springs are too soft for so quick a motion: the forces of the undeformed robot "
         f"would deflect {robot.elastic_names[k]} by {abs(at_rest.caused[instant, k]):.3g} {unit} at t = "
         f"{at_rest.grid.times[instant]:.4g} s",
+        name=robot.name,
         residual=float(size[instant, k]),
     )
 

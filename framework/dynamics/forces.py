@@ -35,7 +35,7 @@ from framework.kinematics.line_springs import Lines, lines_at
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, MotionChanges, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, mirror_upper
 from framework.numerics.ordered_sums import matvec, solve
 
 
@@ -143,8 +143,7 @@ def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
     upper = np.empty((len(q), model.nv, model.nv))
     for k in range(len(q)):
         upper[k] = pin.crba(model, data, q[k])
-    upper = np.triu(upper)  # pinocchio fills the upper triangle only
-    return upper + np.triu(upper, 1).swapaxes(1, 2)
+    return mirror_upper(upper)
 
 
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
@@ -340,7 +339,7 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
 
 
 def driven_force_changes(
-    robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
+    robot: ParallelRobot, motion: Motion, r: Array, joint_torque: Array, changes: MotionChanges
 ) -> Array:
     """Compute d(r - J' lambda + rotors + springs) (3, T, k, nv) for k steps.
 
@@ -348,10 +347,10 @@ def driven_force_changes(
 
     Args:
         motion: the motion about which forces are linearised.
+        r: its `tree_forces` (T, nv).
         joint_torque: torques (T, n_a) of the motors, joint side; they determine the loop forces lambda.
         changes: changes of q, v and a by unit steps of k coordinates.
     """
-    r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)
     changed += robot.rotors * changes.accelerations

@@ -171,7 +171,8 @@ def forward_derivatives(
     # steps of x, then of the coordinates that the platform does not determine
     others = np.concatenate([robot.elastic, robot.structure.idle])
     changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
-    force_change = driven_force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
+    joint_torque = np.atleast_2d(instant.joint_torque)
+    force_change = driven_force_changes(robot, motion, instant._forces, joint_torque, changes)
     d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints
     slopes = _acceleration_slopes(robot, changes, force_change, d)
     motor_slopes = _motor_slopes(robot, changes, slopes, d)

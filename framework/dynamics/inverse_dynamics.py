@@ -337,8 +337,9 @@ class _Refinement:
             if isinstance(failure, NotConverged):
                 raise
             raise NotConverged(
-                f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
-                f"this motion ({failure})",
+                f"the deflections tear the loops open: the springs are too soft for this motion "
+                f"({failure.sentence})",
+                name=branch.robot.name,
                 residual=failure.residual,
             ) from None
         self.passes += solution.passes

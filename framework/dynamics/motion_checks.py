@@ -105,9 +105,10 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     gap = rounded_gap(robot, q)
     if gap > EXPORT_ROUNDING * max(robot.length, 1.0):
         raise NotAssembled(
-            f"{robot.name}: {', '.join(robot.rounded.names)}, which repeat other loop equations but for "
-            f"rounding at the reference, open by {gap:.3g} m or rad on the way: this motion tears the loop; "
-            f"check the dimensions, or lock only what it takes (axes: [...])",
+            f"{', '.join(robot.rounded.names)}, which repeat other loop equations but for "
+            f"rounding at the reference, open by {gap:.3g} m or rad on the way: this motion tears the loop",
+            clauses=("check the dimensions, or lock only what it takes (axes: [...])",),
+            name=robot.name,
             q=q[-1],
             residual=gap,
         )
@@ -139,9 +140,11 @@ def check_idle_joints(robot: ParallelRobot, missing: MissingForces) -> float:
 
     joint = robot.coordinates.turn_name(column)
     raise LoadedJoint(
-        f"{robot.name}: nothing holds {joint}, which this motion would load with {load:.3g} "
+        f"nothing holds {joint}, which this motion would load with {load:.3g} "
         f"{'N' if robot.sliding[column] else 'N m'} at t = {missing.times[instant]:.6g} s: it would move, "
-        f"and change all other forces; {_remedy(robot, column)}",
+        f"and change all other forces",
+        clauses=(_remedy(robot, column),),
+        name=robot.name,
         joint=joint,
         torque=load,
         time=float(missing.times[instant]),
@@ -255,9 +258,10 @@ def _check_dropped_rows(robot: ParallelRobot, solution: Pass) -> None:
     gap = float(abs(residual[instant, row]))
     unit = "rad" if robot.rows.rotation[row] else "m"
     raise NotAssembled(
-        f"{robot.name}: {robot.rows.names[row]}, which repeats other loop equations at the reference, is "
-        f"open by {gap:.3g} {unit} at t = {solution.grid.times[instant]:.6g} s: this motion tears the loop; "
-        f"give a reference on the motion's own way",
+        f"{robot.rows.names[row]}, which repeats other loop equations at the reference, is "
+        f"open by {gap:.3g} {unit} at t = {solution.grid.times[instant]:.6g} s: this motion tears the loop",
+        clauses=("give a reference on the motion's own way",),
+        name=robot.name,
         q=solution.motion.q[instant],
         residual=gap,
     )
@@ -360,9 +364,10 @@ def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
     instant, k = np.unravel_index(np.argmax(size), size.shape)  # of the largest one
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     return NotConverged(
-        f"{robot.name}: no deflections found that hold the forces they cause: with "
+        f"no deflections found that hold the forces they cause: with "
         f"{solution.caused[instant, k]:.3g} {unit} of {robot.elastic_names[k]} at t = "
         f"{solution.grid.times[instant]:.4g} s, {solution.change:.2g} of that is lacking",
+        name=robot.name,
         residual=solution.change,
     )
 
@@ -411,12 +416,15 @@ def unresolved_error(
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         distance = second.s - first.s
         advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {distance:.2g} farther on"
+    clauses: tuple[str, ...] = (advice,)
     remedy = None
     if tolerance < enough < RESOLVABLE_TAIL:
         remedy = {"tolerance": round_up(1.1 * enough, 2)}  # a grid has met it
-        advice = f"tolerance {remedy['tolerance']:g} would do; {advice}"
+        clauses = (f"tolerance {remedy['tolerance']:g} would do", *clauses)
     return NotConverged(
-        f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
+        f"{problem} by {size} nodes a panel",
+        clauses=clauses,
+        name=robot.name,
         residual=certificate.unresolved,
         s=None if near_miss is None else near_miss.s,
         platform=None if near_miss is None else searched.branch.path(near_miss.s),

@@ -34,7 +34,7 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
         in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
         for joint in stated:
             if joint not in in_file:
-                raise InvalidInput(f"{name}: {choose_from('motor', joint, in_file)}")
+                raise InvalidInput(choose_from("motor", joint, in_file)).naming(name)
         values = list({**in_file, **stated}.values())
     else:
         values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
@@ -49,9 +49,9 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
         needed = "number of at least 0" if may_vanish else "positive number"
         motors = ", ".join(robot.actuator_names)
         raise InvalidInput(
-            f"{name}: needs one {needed}, or one for each motor ({motors}), None where there is no limit, or "
+            f"needs one {needed}, or one for each motor ({motors}), None where there is no limit, or "
             f"some by joint, got {short(stated)}"
-        )
+        ).naming(name)
     return np.broadcast_to(numbers, robot.n_a).copy()
 
 

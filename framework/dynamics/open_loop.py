@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import driven_force_changes
+from framework.dynamics.forces import driven_force_changes, tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import coordinate_changes
 from framework.numerics.arrays import Array
@@ -90,7 +90,8 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     joint_torque = robot.gear_ratio * result.torques(times)
     joint_torque -= (robot.rotors * motion.a)[:, robot.actuated]
     changes = coordinate_changes(robot, motion, robot.structure.idle, (x, dx, ddx))
-    force_change = driven_force_changes(robot, motion, joint_torque, changes)  # (3, T, k, nv)
+    r = tree_forces(robot, motion)
+    force_change = driven_force_changes(robot, motion, r, joint_torque, changes)  # (3, T, k, nv)
 
     # of the k coordinates the first n are those of the platform, the others idle joints
     force_change = force_change[:, :, : robot.n]

@@ -40,7 +40,6 @@ from framework.dynamics.forces import (
     Forces,
     balanced_forces,
     driven_force_changes,
-    joint_forces,
     least_motor_torques,
     motor_torque,
     tree_forces,
@@ -195,7 +194,8 @@ def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) ->
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     """Return the error for a pose x (n,) at Type 2; `torque` continues the message "torque ..."."""
     return SingularPose(
-        f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
+        f"at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
+        name=robot.name,
         platform=x,
     )
 
@@ -251,7 +251,7 @@ class _TaylorMotion(NamedTuple):
         """
         x = self.x[0]
         return SingularPose(
-            f"{self.robot.name}: at {self.robot.place(x)} {reason}", platform=x, wrench=wrench
+            f"at {self.robot.place(x)} {reason}", name=self.robot.name, platform=x, wrench=wrench
         )
 
     def evaluate(self, times: Array) -> Motion:
@@ -438,7 +438,8 @@ def dynamics_derivatives(
     changes = coordinate_changes(robot, motion, robot.structure.idle, (prescribed.x, rate, acceleration))
     motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x
     speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
-    joint_torque = joint_forces(robot, motion).joint_torque
+    r = tree_forces(robot, motion)
+    joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
 
     # slopes (3, T, n_a, k) of the torques by x, dx and ddx: those of the rotors and, if redundant, dG k
     accelerations = changes.accelerations[..., robot.actuated]
@@ -448,7 +449,7 @@ def dynamics_derivatives(
             robot, motion, prescribed.x, speeds, joint_torque
         )
     # the motors balance the other part of the wrench T' d(r + rotors - J' lambda) on the platform
-    force_change = driven_force_changes(robot, motion, joint_torque, changes).swapaxes(2, 3)
+    force_change = driven_force_changes(robot, motion, r, joint_torque, changes).swapaxes(2, 3)
     slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
 
     torque_x, torque_dx, torque_ddx = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints

@@ -150,9 +150,10 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
     # at zero deflections F is the spring forces that balance the load; F / stiffness estimates deflections
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
-            f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
+            f"the springs are too soft for so quick a motion: the forces of "
             f"the undeformed robot would deflect springs {MAX_STIFFENING:g} times as stiff by more than "
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
+            name=equations.branch.robot.name,
             residual=stiffest.misfit,
         )
     solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)  # of the softest springs so far
@@ -198,8 +199,9 @@ def _no_balance(equations: BalanceEquations, stiffer_springs: str, residual: flo
         residual: |F| over the largest load, of the robot's own springs.
     """
     return NotConverged(
-        f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
-        f"tried or one near it; {stiffer_springs}",
+        "no deflections found that hold the forces they cause, under the law tried or one near it",
+        clauses=(stiffer_springs,),
+        name=equations.branch.robot.name,
         residual=residual,
     )
 

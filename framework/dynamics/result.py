@@ -21,6 +21,7 @@ from framework.laws.law import MotionLaw, law_derivatives
 from framework.laws.path import HIGHEST_ORDER, Path, time_derivatives
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.chebyshev import TimeFunction
+from framework.singularity.points_on_path import SingularPoint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +66,11 @@ class Certificate:
         return max(self.tail, self.change)
 
 
-@dataclass(frozen=True, eq=False)
-class SingularityCrossing(ReadOnlyArrays):
-    """An instant at which the motion is in a Type 2 singularity.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SingularityCrossing(SingularPoint):
+    """A singular point, of the robot as it deflects, at an instant of a motion.
+
+    Its slope is that of the undeformed robot.
 
     wrench: t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies.
     scale: the largest sum, along the motion, of the absolute values of the terms of t_s . W_p; at least
@@ -75,10 +78,8 @@ class SingularityCrossing(ReadOnlyArrays):
     """
 
     time: float  # [s]
-    s: float
-    platform: Array  # (n,) platform coordinates
-    twist: Array  # (n,) t_s
-    kind: str  # of the singularity
+    speed: float  # s' [1/s]
+    acceleration: float  # s" [1/s^2]
     wrench: float
     scale: float
 

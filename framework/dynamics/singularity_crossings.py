@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, edges_of, law_derivatives
 from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, freeze
 from framework.numerics.chebyshev import TimeGrid, real_roots
 from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
@@ -151,8 +152,10 @@ def find_crossed_points(
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
-            f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
-            f"{singular.s:.6g}: no law can rest on the locus; shift the path's end or the law"
+            f"the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
+            f"{singular.s:.6g}: no law can rest on the locus",
+            clauses=("shift the path's end or the law",),
+            name=branch.robot.name,
         )
     return crossed
 
@@ -191,10 +194,11 @@ def measure_crossings(
         at_points: (k, nv) forces r of the open tree at the crossed points.
         along: (M, nv) forces r along the motion, for the size of their terms.
     """
+    motion = zip(*law_derivatives(law, np.array([t for t, _ in crossed])), strict=True)
     # the scale of eta . r is the largest sum of sizes of its terms along the motion, or that of inertia
     inertial_force = robot.mass * robot.length / law.duration**2
     crossings = []
-    for (t, singular), r in zip(crossed, at_points, strict=True):
+    for (t, singular), (_s, speed, acceleration), r in zip(crossed, motion, at_points, strict=True):
         eta = singular.motion[None]  # (corank, nv) joint rates of the uncontrolled motions
         if singular.corank > 1:
             eta = uncontrolled_space(robot, singular.pose, at_least=singular.corank).motions
@@ -205,11 +209,10 @@ def measure_crossings(
         worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
         crossings.append(
             SingularityCrossing(
+                **vars(singular),
                 time=t,
-                s=singular.s,
-                platform=singular.platform,
-                twist=singular.twist,
-                kind=singular.kind,
+                speed=float(speed),
+                acceleration=float(acceleration),
                 wrench=float(wrench[worst]),
                 scale=float(scale[worst]),
             )
@@ -231,15 +234,13 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
             robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}"
         )
     if singular.kind != "type_2":
-        raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
+        raise NoLaw(f"at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}", name=robot.name)
 
 
 def probe_instants(t: float, duration: float) -> list[float]:
     """Return the instant t [s] of a crossing and a second one, for the slope of g.
 
     The second is towards the middle of the motion.
-
-    Args:
     """
     probe = 1e-6  # their distance, as a share of the duration
     return [t, t + math.copysign(probe * duration, 0.5 * duration - t)]
@@ -278,15 +279,20 @@ def deformed_crossing(
     motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
-    wrench = float(r[0] @ uncontrolled.motion) * sign
-    return SingularityCrossing(
+    s, speed, acceleration = law_derivatives(result.law, np.array([t]))
+    freeze(motion.linearised)
+    return replace(
+        at_rest,
         time=float(t),
-        s=float(result.law(np.array([t]))[0]),
-        platform=result.platform(t),
-        twist=sign * uncontrolled.twist,
+        s=float(s[0]),
+        speed=float(speed[0]),
+        acceleration=float(acceleration[0]),
         kind=uncontrolled.kind,
-        wrench=wrench,
-        scale=at_rest.scale,
+        twist=sign * uncontrolled.twist,
+        platform=result.platform(t),
+        motion=sign * uncontrolled.motion,
+        pose=motion.linearised,
+        wrench=float(r[0] @ uncontrolled.motion) * sign,
     )
 
 
@@ -302,9 +308,10 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
         return
     unit = "N" if np.any(worst.twist[robot.translations]) else "N m"
     raise UnboundedTorque(
-        f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
+        f"unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
         f"{robot.place(worst.platform)}: a Type 2 singularity with "
         f"t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
+        name=robot.name,
         time=worst.time,
         s=worst.s,
         platform=worst.platform,
@@ -328,6 +335,7 @@ def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamic
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):
             raise NoLaw(
-                f"{robot.name}: the deflected robot meets a Type 2 singularity between t = "
-                f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not"
+                f"the deflected robot meets a Type 2 singularity between t = "
+                f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not",
+                name=robot.name,
             )

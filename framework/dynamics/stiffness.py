@@ -334,8 +334,9 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
         damping = MAX_STEP / max(step_size, MAX_STEP)
         q = integrate_columns(robot, q, columns, step * damping * lengths)
     raise NotConverged(
-        f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
-        f"robot, or deflects it by more than linear springs mean",
+        "the springs find no equilibrium near this configuration: the load buckles the "
+        "robot, or deflects it by more than linear springs mean",
+        name=robot.name,
         residual=step_size,
     )
 

@@ -10,6 +10,7 @@ measured poses. `excite` designs a motion to record. `recording` reads data and 
 declares their units and signs.
 
     combinations     the combinations of parameters that a regressor determines
+    unknowns         what is asked for, in units of what the file leaves open
     measured_motion  the motion of all joints from recorded samples
     torque_rows      torques as linear equations of the base parameters
     least_squares    their solution, with the covariance of their own noise

@@ -16,6 +16,7 @@ side. The robot file has these parameters too, those of the bodies split among t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, fromstring, tostring
 
@@ -24,6 +25,7 @@ import pinocchio as pin
 
 from framework.dynamics.body_parameters import (
     INERTIAL,
+    from_pseudo_inertia,
     link_parameters,
     parameter_transform,
     pseudo_inertia,
@@ -47,7 +49,7 @@ from framework.model.description import JointDynamics, RobotDescription
 from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
-from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP, RANK_ROUNDING
+from framework.tolerances import BRANCHES_MEET, MASS_SHIFT, MIN_RANK_GAP, RANK_ROUNDING
 
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in the units of a body's parameters
 OF_MOTORS = ("rotor_inertia", "damping", "friction")  # parameters of each motor, in this order
@@ -206,6 +208,12 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
         NotConverged: the sets of instants have different ranks.
     """
     expect_robot(robot)
+    return _base_parameters(robot, massless)
+
+
+@lru_cache(maxsize=8)
+def _base_parameters(robot: ParallelRobot, massless: bool) -> BaseParameters:
+    """Compute the base parameters of a robot once."""
     described = torque_parameters(robot, massless=massless)
     random = np.random.default_rng(0)
     count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))  # instants of n rows each
@@ -305,8 +313,13 @@ class LinkParameters(NamedTuple):
 
     links: Names  # those with mass in the file
     values: Array  # (u,) in the robot file
-    prior_sizes: Array  # (u,) sizes of the parameters; the prior deviation is a multiple of them
+    prior_root: Array  # (u, u) L, where L L' is their covariance by the file
     to_parameters: Array  # (p, u) matrix: adds up links to the parameters of bodies, `TorqueParameters`
+
+    @property
+    def prior_sizes(self) -> Array:
+        """Standard deviations (u,) of the parameters by the file."""
+        return np.linalg.norm(self.prior_root, axis=1)
 
     @property
     def link_slices(self) -> list[slice]:
@@ -329,6 +342,8 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     Args:
         parameters: the p parameters of bodies and motors, `bodies` as indices of joints in pinocchio.
     """
+    from scipy.linalg import block_diag  # slow to import
+
     urdf = fromstring(robot.description.urdf_text)
     links = elements_by_name(urdf, "link").items()
     in_file = {name: read_inertial_parameters(link) for name, link in links}  # (10,) each, mass first
@@ -347,32 +362,40 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
                 columns.append(matrix)
 
     motors = slice(10 * len(parameters.bodies), None)
-    motor_columns = np.eye(len(parameters.names))[:, motors]
+    columns.append(np.eye(len(parameters.names))[:, motors])
     link_values = [with_mass[frame.name] for frame in frames]
     # damping and friction have typical sizes of this robot, a rotor that of its inertia in the file: a rotor
     # that is zero there stays almost zero
-    motor_sizes = parameters.sizes[motors].reshape(-1, len(OF_MOTORS)).copy()  # (n_a, 3)
-    rotor = OF_MOTORS.index("rotor_inertia")
-    in_motors = parameters.values[motors].reshape(motor_sizes.shape)
-    motor_sizes[:, rotor] = np.maximum(in_motors[:, rotor], RANK_ROUNDING * motor_sizes[:, rotor])
+    sizes = parameters.sizes[motors].copy()
+    rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))
+    sizes[rotors] = np.maximum(parameters.values[motors][rotors], RANK_ROUNDING * sizes[rotors])
     return LinkParameters(
         links=tuple(frame.name for frame in frames),
         values=np.concatenate([*link_values, parameters.values[motors]]),
-        prior_sizes=np.concatenate([*map(_link_sizes, link_values), motor_sizes.ravel()]),
-        to_parameters=np.concatenate([*columns, motor_columns], axis=1),
+        prior_root=block_diag(*map(_link_prior, link_values), np.diag(sizes)),
+        to_parameters=np.concatenate(columns, axis=1),
     )
 
 
-def _link_sizes(link: Array) -> Array:
-    """Compute sizes (10,) of a link's parameters (10,): mass times powers of its radius.
+def _link_prior(link: Array) -> Array:
+    """Compute L (10, 10), where L L' is the covariance of a link's parameters (10,) by the file.
 
-    The powers are `LENGTH_POWERS`. The radius is the radius of gyration about the origin. It is 0 for a point
-    mass at the origin, whose moments therefore remain zero.
+    A pseudo-inertia P = C C' is off by C X C' with a symmetric X, whose length |X|^2 = tr (P^-1 dP)^2 no
+    choice of axes changes (Lee, Wensing and Park, IEEE Transactions on Robotics 36(2), 2020). With X of unit
+    normals the mass is off by its own size, and lies a radius of gyration off its place along each axis. So
+    a slender rod stays slender, but for a small share of the link's radius about its origin.
     """
+    P = pseudo_inertia(link)
     mass = link[0]
-    trace = np.trace(pseudo_inertia(link)[:3, :3])  # of the second moments: mass radius^2
-    radius = np.sqrt(max(trace, 0.0) / mass)
-    return mass * radius**LENGTH_POWERS
+    square = np.trace(P[:3, :3]) / mass  # of the radius; 0 for a point mass at the origin, which stays one
+    P[:3, :3] += mass * square * MASS_SHIFT**2 * np.eye(3)
+    scale = np.array([*[np.sqrt(square) or 1.0] * 3, 1.0])
+    w, V = np.linalg.eigh(P / np.outer(scale, scale))
+    C = scale[:, None] * V * np.sqrt(np.maximum(w, 0.0))
+    i, j = np.tril_indices(4)
+    products = C.T[i, :, None] * C.T[j, None]  # (10, 4, 4)
+    weights = np.where(i == j, 0.5, np.sqrt(0.5))  # of X + X', so that entries of X count once in |X|^2
+    return from_pseudo_inertia(weights[:, None, None] * (products + products.swapaxes(1, 2))).T
 
 
 def read_inertial_parameters(link: Element) -> Array:

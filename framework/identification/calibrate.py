@@ -36,6 +36,7 @@ from framework.identification.geometry import (
     select_measurements,
     sensor_slopes,
 )
+from framework.identification.least_squares import posterior_root
 from framework.identification.recording import HELD_OUT_EVERY, TOUCH, Recording
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
@@ -188,17 +189,15 @@ def calibrate(
     # fit the parameters to three quarters of the instants
     training = measured.select_instants(~is_test)
     training_q = q[~is_test]
-    solver = GaussNewton(geometry, training, training_q, prior)
-    solver.run(progress)
-    _check_plausible(geometry, solver.values / prior, solver.noise)
+    fit = fit_geometry(geometry, training, training_q, prior, progress)
+    _check_plausible(geometry, fit.values / prior, fit.noise)
     # what measurements or loops determine is examined at the file's geometry; the slopes of measurements are
     # over the noise, those of the loops over LOOP_GAP, which is far smaller
     equations = eliminate_poses(geometry, training, training_q, np.zeros_like(prior))
     loop_rows = np.concatenate(equations.loop_slopes) * LOOP_GAP / measured.noise.min()
     combinations = find_combinations(np.concatenate([*equations.matrix, loop_rows]), prior)
 
-    # Huber's weights, below one half; the solver has their square roots
-    outliers = np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()
+    outliers = np.flatnonzero(~is_test)[fit.weights**2 < 0.5].tolist()
     # predict the other instants with the file's parameters, and with the fitted ones
     test = measured.select_instants(is_test)
     predict_error = partial(_prediction_error, geometry, test, q[is_test])
@@ -206,19 +205,19 @@ def calibrate(
         robot=robot,
         geometry=geometry,
         measured=measured,
-        values=solver.values,
-        deviations=solver.deviations,
+        values=fit.values,
+        deviations=fit.deviations,
         combinations=combinations,
         unseen=_describe_unseen(geometry, training, training_q, equations, combinations),
-        further=_choose_further_poses(solver),
+        further=_choose_further_poses(geometry, training, prior, fit),
         error_before=predict_error(np.zeros_like(prior)),
-        error_after=predict_error(solver.values),
-        noise=solver.noise,
-        degrees_of_freedom=solver.degrees_of_freedom,
+        error_after=predict_error(fit.values),
+        noise=fit.noise,
+        degrees_of_freedom=fit.degrees_of_freedom,
         outliers=tuple(outliers),
         outlier_rows=tuple(map(data.row, outliers)),
         instants=len(data),
-        steps=solver.steps,
+        steps=fit.steps,
         seconds=clock.perf_counter() - started,
     )
 
@@ -351,7 +350,9 @@ def _describe_unseen(
     return tuple(sentences)
 
 
-def _choose_further_poses(solver: GaussNewton) -> FurtherPoses:
+def _choose_further_poses(
+    geometry: Geometry, measured: Measurements, prior: Array, fit: GeometryFit
+) -> FurtherPoses:
     """Choose the poses whose measurements add most to those of the fit.
 
     Of random poses within the joints' ranges each one chosen multiplies the determinant of the information
@@ -360,227 +361,213 @@ def _choose_further_poses(solver: GaussNewton) -> FurtherPoses:
     """
     count = 6  # as many as an afternoon allows, and more than a leg has unknowns
     candidates = 100
-    geometry, measured = solver.geometry, solver.measured
     try:
         q, x = random_poses(geometry.model, candidates, np.random.default_rng(0))
     except NotAssembled:  # no platform poses beside the reference
-        return FurtherPoses(np.empty((0, geometry.model.n)), solver.deviations)
+        return FurtherPoses(np.empty((0, geometry.model.n)), fit.deviations)
     is_within = ~shares_beyond_limits(geometry.model.limits, q).any(axis=1)
     q, x = q[is_within], x[is_within]
     blank = replace(measured, values=np.zeros((len(q), len(measured.names))))  # equations do not need these
-    matrix = eliminate_poses(geometry, blank, q, solver.values).matrix
-    rows = matrix * solver.prior / solver.noise  # (k, m, p)
-    covariance = solver.covariance
+    rows = eliminate_poses(geometry, blank, q, fit.values).matrix * prior / fit.noise  # (candidates, m, p)
+    root = fit.root / prior[:, None]
+    covariance = root @ root.T
+    start = np.diag(covariance)
     chosen = []
     for _ in range(min(count, len(q))):
-        spread = rows @ covariance @ rows.swapaxes(1, 2) + np.eye(rows.shape[1])  # (k, m, m)
+        spread = rows @ covariance @ rows.swapaxes(1, 2) + np.eye(rows.shape[1])  # (candidates, m, m)
         best = int(np.argmax(np.linalg.slogdet(spread)[1]))
         gain = rows[best] @ covariance  # (m, p)
         covariance = covariance - gain.T @ np.linalg.solve(spread[best], gain)
         chosen.append(best)
-    shares = np.sqrt(np.diag(covariance) / np.diag(solver.covariance))  # (p,)
-    return FurtherPoses(x[chosen], solver.deviations * shares)
+    return FurtherPoses(x[chosen], fit.deviations * np.sqrt(np.diag(covariance) / start))
 
 
-class GaussNewton:
-    """Damped Gauss-Newton method for parameters and poses.
+# ------------------------------------------------------------------ the fit
+
+
+class GeometryFit(NamedTuple):
+    """Changes of p parameters from the file, fitted to T instants."""
+
+    values: Array  # (p,) [m, rad]
+    root: Array  # (p, p) S, where S S' is their covariance by the noise
+    deviations: Array  # (p,) widened by Student's t
+    weights: Array  # (T,) square roots of Huber's weights, which multiply residuals
+    noise: float  # ratio of the residual to the assumed noise
+    degrees_of_freedom: float
+    steps: int  # that were tried
+
+
+def fit_geometry(
+    geometry: Geometry,
+    measured: Measurements,
+    q: Array,
+    prior: Array,
+    progress: Callable[[int], None] = lambda steps: None,
+) -> GeometryFit:
+    """Fit parameters and poses by a damped Gauss-Newton method.
 
     The cost is a sum of squares: of the residuals over the noise, weighted by instant; of loop equations that
-    no joint can close; and of the parameters' changes over their prior deviations.
+    no joint can close; and of the parameters' changes over their prior deviations. A step that raises it is
+    repeated with ten times the damping (Levenberg and Marquardt). With each step of the parameters the poses
+    take the step that keeps the linearised loops closed and the residuals least.
 
-    q: (T, nq) poses.
-    prior: (p,) standard deviations of the file's parameters [m, rad].
-    values, deviations: (p,) changes of the parameters from the file, and their standard deviations [m, rad].
-    covariance: (p, p) of the changes over `prior`, by the noise alone.
-    weights: (T,) square roots of Huber's weights of the instants, which multiply residuals.
-    noise: ratio of the residual to the assumed noise.
-    degrees_of_freedom: number of equations minus number of parameters that they determine.
-    steps: number of steps tried.
+    Args:
+        q: (T, nq) poses by the file's geometry.
+        prior: (p,) standard deviations of the file's parameters [m, rad].
+        progress: called with the number of steps tried.
+
+    Raises:
+        NotConverged: the steps do not converge.
+    """
+    max_steps = 200  # a ball bar beside a plane of poses leads through a curved valley in 130
+    max_damping = 1e9  # relative to the prior
+    converged = 1e-6  # largest change of a parameter in the last step, over its prior deviation
+    model = geometry.model
+    values = np.zeros_like(prior)
+    damping = 1e-3
+    equations = eliminate_poses(geometry, measured, q, values)
+    state = _weigh(equations, values, prior, np.ones(len(q)))
+    cost = _cost(equations, values, prior, state)
+    steps = 0
+    while steps < max_steps and damping <= max_damping:
+        steps += 1
+        progress(steps)
+        # step the parameters, and the joints with them
+        change = state.step(damping)  # (p,)
+        joint_steps = equations.joint_step + equations.joint_slopes @ change
+        moved = geometry.dimensions(values + change) - geometry.dimensions(values)
+        next_q = _move_poses(model, q, model.joints, joint_steps, moved)
+        following = eliminate_poses(geometry, measured, next_q, values + change)
+
+        # the cost must not rise by more than rounding
+        if (
+            not _cost(following, values + change, prior, state)
+            <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING
+        ):
+            damping *= 10.0
+            continue
+
+        q, values, equations = next_q, values + change, following
+        damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
+        state = _weigh(equations, values, prior, state.weights)
+        cost = _cost(
+            equations, values, prior, state
+        )  # with the new weights, which the next step must not raise
+        if np.abs(change / prior).max() < converged:
+            return _with_deviations(equations, values, prior, state, steps)
+    raise NotConverged(
+        f"{model.name}: calibration does not converge after {steps} steps; the file is too "
+        f"far off for these data, or they are of another robot",
+        residual=cost,
+    )
+
+
+class _Weighted(NamedTuple):
+    """Linear equations of the unknowns y with parameters = root y, weighted by instant.
+
+    By the prior and the loop equations that no joint can close, y are independent unit normals. The data say
+    s y + right = noise, and the gradient of the other terms of the cost by y is `gradient`.
     """
 
-    def __init__(self, geometry: Geometry, measured: Measurements, q: Array, prior: Array) -> None:
-        """Start at the file's parameters and poses q (T, nq), with full weights and assumed noise."""
-        self.geometry = geometry
-        self.model = geometry.model
-        self.measured = measured
-        self.q = q
-        self.prior = prior
-        self.values = np.zeros(len(prior))
-        self.weights = np.ones(len(q))
-        self.noise = 1.0
-        self.degrees_of_freedom = 0.0
-        self.steps = 0
-        self.deviations = prior
-        self.covariance = np.eye(len(prior))
-        # eliminating the pose of an instant uses up as many equations as there are motors
-        self.equations_per_instant = len(measured.names) - self.model.n_a
+    root: Array  # (p, p)
+    s: Array  # (p,) singular values
+    right: Array  # (p,)
+    gradient: Array  # (p,)
+    weights: Array  # (T,) square roots of Huber's weights
+    noise: float  # over the assumed noise
+    freedom: float  # number of equations minus number of parameters that they determine
 
-    def run(
-        self,
-        progress: Callable[[int], None],
-        *,
-        max_steps: int = 200,  # a ball bar beside a plane of poses leads through a curved valley in 130
-        first_damping: float = 1e-3,  # relative to the prior
-        max_damping: float = 1e9,  # relative to the prior
-        converged: float = 1e-6,  # largest change of a parameter in the last step, over its prior deviation
-    ) -> None:
-        """Iterate until the parameters converge.
+    def step(self, damping: float) -> Array:
+        """Compute the damped Gauss-Newton step (p,) of the parameters."""
+        s, right = self.s / self.noise, self.right / self.noise
+        return -self.root @ ((s * right + self.gradient) / (s**2 + 1.0 + damping))
 
-        A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). With
-        each step of the parameters the poses take the step that keeps the linearised loops closed and the
-        residuals least. Iteration ends when a step changes no parameter by more than `converged` times its
-        standard deviation in the file, `prior`.
 
-        Raises:
-            NotConverged: no convergence within `max_steps` steps or with a damping of at most `max_damping`.
-        """
-        damping = first_damping
-        equations = eliminate_poses(self.geometry, self.measured, self.q, self.values)
-        cost = self._reweight(equations)  # at the file's parameters
-        while self.steps < max_steps and damping <= max_damping:
-            self.steps += 1
-            progress(self.steps)
-            # step the parameters, and the joints with them
-            change = self._damped_step(equations, damping)  # (p,)
-            joint_steps = equations.joint_step + equations.joint_slopes @ change
-            values = self.values + change
-            moved = self.geometry.dimensions(values) - self.geometry.dimensions(self.values)
-            q = _move_poses(self.model, self.q, self.model.joints, joint_steps, moved)
-            next_equations = eliminate_poses(self.geometry, self.measured, q, values)
+def _linearise(equations: ParameterEquations, values: Array, prior: Array, weights: Array) -> _Weighted:
+    """Reduce the equations of T instants with weights (T,) to p equations, for the assumed noise."""
+    p = len(prior)
+    loops = np.concatenate(equations.loop_slopes)
+    prior_root = prior[:, None] * posterior_root(loops * prior)
+    rows = np.concatenate(weights[:, None, None] * equations.matrix) @ prior_root
+    residual = (weights[:, None] * equations.residual).ravel()
+    augmented = np.concatenate([np.column_stack([rows, residual]), np.zeros((p + 1, p + 1))])
+    R = np.asarray(np.linalg.qr(augmented, mode="r"))
+    U, s, V_rows = np.linalg.svd(R[:p, :p])
+    root = prior_root @ V_rows.T
+    gradient = root.T @ (values / prior**2) + (loops @ root).T @ equations.loop_residual.ravel()
+    return _Weighted(root, s, U.T @ R[:p, p], gradient, weights, 1.0, 0.0)
 
-            # the cost must not rise by more than rounding
-            if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
-                damping *= 10.0
-                continue
 
-            self.q = q
-            self.values = values
-            equations = next_equations
-            damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
-            cost = self._reweight(equations)  # with the new weights, which the next step must not raise
-            if np.abs(change / self.prior).max() < converged:
-                self._estimate_deviations(equations)
-                return
-        raise NotConverged(
-            f"{self.model.name}: calibration does not converge after {self.steps} steps; the file is too "
-            f"far off for these data, or they are of another robot",
-            residual=cost,
-        )
+def _weigh(equations: ParameterEquations, values: Array, prior: Array, weights: Array) -> _Weighted:
+    """Linearise with the noise and the weights that the residuals give, from earlier weights (T,).
 
-    def _weighted_rows(self, equations: ParameterEquations) -> tuple[Array, Array]:
-        """Return the rows (N, p) of the least squares problem and their residuals (N,).
+    The noise is estimated from the median residual. An instant with a residual r above the noise times
+    h = `huber_ratio` has Huber's weight h noise / r, so that its cost grows linearly (Huber, Annals of
+    Mathematical Statistics 35, 1964).
+    """
+    huber_ratio = 2.0
+    before = _linearise(equations, values, prior, weights)
+    residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / equations.per_instant)  # (T,)
+    noise, freedom = _estimate_noise(before.s, len(weights) * equations.per_instant, np.median(residuals))
+    weights = np.sqrt(np.minimum(1.0, huber_ratio * noise / np.maximum(residuals, RANK_ROUNDING)))
+    return _linearise(equations, values, prior, weights)._replace(noise=noise, freedom=freedom)
 
-        Rows have unit noise, and parameters are in units of their prior deviations. The first rows are those
-        of the data, weighted by instant; the others are loop equations that no joint can close.
-        """
-        weights = self.weights[:, None] / self.noise  # (T, 1)
-        data_rows = np.concatenate(weights[..., None] * equations.matrix)
-        matrix = np.concatenate([data_rows, np.concatenate(equations.loop_slopes)])
-        residual = np.append(weights * equations.residual, equations.loop_residual)
-        return matrix * self.prior, residual
 
-    def _damped_step(self, equations: ParameterEquations, damping: float) -> Array:
-        """Compute the damped Gauss-Newton step (p,) of the parameters.
+def _cost(equations: ParameterEquations, values: Array, prior: Array, state: _Weighted) -> float:
+    """Compute the cost of `fit_geometry` with the weights and the noise of a state."""
+    parts = (
+        state.weights[:, None] / state.noise * equations.residual,
+        equations.loop_residual,
+        values / prior,
+    )
+    return float(sum(np.sum(part**2) for part in parts))
 
-        In units of the prior deviations the step is the least squares solution of
-        [rows; 1; sqrt(damping)] step = -[residuals; values; 0].
-        """
-        matrix, residual = self._weighted_rows(equations)
-        identity = np.eye(len(self.prior))
-        rows = np.concatenate([matrix, identity, np.sqrt(damping) * identity])
-        residuals = np.concatenate([residual, self.values / self.prior, np.zeros_like(self.prior)])
-        Q, R = np.linalg.qr(rows)  # the step solves R step = -Q' residuals
-        return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
-    def _cost(self, equations: ParameterEquations, values: Array) -> float:
-        """Compute the cost of the class at parameters `values` (p,)."""
-        _, residual = self._weighted_rows(equations)
-        return float(residual @ residual + np.sum((values / self.prior) ** 2))
+def _with_deviations(
+    equations: ParameterEquations, values: Array, prior: Array, state: _Weighted, steps: int
+) -> GeometryFit:
+    """Estimate the noise from all residuals, and the deviations of the parameters.
 
-    def _reweight(self, equations: ParameterEquations) -> float:
-        """Set the noise and the weights of the instants from residuals; return the new cost.
+    Student's quantile widens them at the probability of three normal deviations.
+    """
+    width = 3.0
+    from scipy.special import ndtr, stdtrit  # slow to import
 
-        The noise is estimated from the median residual. An instant with a residual r above the noise times
-        h = `huber_ratio` has Huber's weight h noise / r, so that its cost grows linearly (Huber, Annals of
-        Mathematical Statistics 35, 1964). `weights` are the square roots of Huber's weights, because they
-        multiply residuals.
-        """
-        huber_ratio = 2.0
-        residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / self.equations_per_instant)  # (T,)
-        self._estimate_noise(equations, np.median(residuals))
-        self.weights = np.sqrt(
-            np.minimum(1.0, huber_ratio * self.noise / np.maximum(residuals, RANK_ROUNDING))
-        )
-        return self._cost(equations, self.values)
+    count = len(state.weights) * equations.per_instant
+    squares = np.sum((state.weights[:, None] * equations.residual) ** 2)
+    noise, freedom = _estimate_noise(state.s, count, np.sqrt(squares / count))
+    root = state.root / np.sqrt(1.0 + (state.s / noise) ** 2)
+    widening = stdtrit(freedom, ndtr(width)) / width if freedom >= 1.0 else 1.0
+    deviations = widening * np.linalg.norm(root, axis=1)
+    return GeometryFit(values, root, deviations, state.weights, noise, freedom, steps)
 
-    def _estimate_deviations(self, equations: ParameterEquations) -> None:
-        """Set the noise from all residuals, and the deviations of the parameters.
 
-        If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
-        """
-        width = 3.0  # number of standard deviations for which intervals are widened by Student's t
-        from scipy.special import ndtr, stdtrit  # slow to import
+def _estimate_noise(s: Array, count: int, residual: float) -> tuple[float, float]:
+    """Compute the noise n, relative to the assumed noise, and the degrees of freedom N - r(n).
 
-        residual = self.weights[:, None] * equations.residual
-        count = len(residual) * self.equations_per_instant
-        self._estimate_noise(equations, np.sqrt(np.sum(residual**2) / count))
-        matrix, _ = self._weighted_rows(equations)
-        R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
-        R_inverse = np.linalg.inv(R)
-        self.covariance = R_inverse @ R_inverse.T
-        self.deviations = self.prior * np.linalg.norm(R_inverse, axis=1)
-        # widen by Student's quantile (stdtrit) at the probability of `width` normal deviations (ndtr)
-        if self.degrees_of_freedom >= 1.0:
-            self.deviations *= stdtrit(self.degrees_of_freedom, ndtr(width)) / width
+    `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines only
+    r(n) = sum of s^2 / (s^2 + n^2) parameters, where s are the singular values of the rows. This is the
+    effective number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements of
+    Statistical Learning, 2009, section 3.4.1). The expected sum of squared residuals n^2 (N - r(n)) grows
+    with n, and n solves n^2 (N - r(n)) = N residual^2. If less than one degree of freedom is left, the noise
+    is the assumed noise, n = 1. Residuals below `least_noise` count as rounding.
+    """
+    least_noise = 1e-3  # share of the assumed noise
+    from scipy.optimize import brentq  # slow to import
 
-    def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
-        """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
+    def freedom_at(noise: float) -> float:
+        """Compute the degrees of freedom N - r(n) at n = noise."""
+        return count - float(np.sum(s**2 / (s**2 + noise**2)))
 
-        `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines
-        only r(s) = sum of w^2 / (w^2 + s^2) parameters, where w are the singular values of the rows. This is
-        the effective number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements
-        of Statistical Learning, 2009, section 3.4.1). The expected sum of squared residuals s^2 (N - r(s))
-        grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
-        the noise is the assumed noise, s = 1. Residuals below `least_noise` count as rounding.
-        """
-        least_noise = 1e-3  # share of the assumed noise
-        count = len(self.q) * self.equations_per_instant  # N
-        squares = self._squared_singular_values(equations)
+    def excess(noise: float) -> float:
+        """Compute n^2 (N - r(n)) - N residual^2, which grows with n = noise."""
+        return noise**2 * freedom_at(noise) - count * residual**2
 
-        def freedom_at(noise: float) -> float:
-            """Compute the degrees of freedom N - r(s) at s = noise."""
-            return count - float(np.sum(squares / (squares + noise**2)))
-
-        def noise_equation(noise: float) -> float:
-            """Compute s^2 (N - r(s)) - N residual^2, which grows with s = noise."""
-            return noise**2 * freedom_at(noise) - count * residual**2
-
-        self.noise = 1.0
-        self.degrees_of_freedom = freedom_at(least_noise)
-        if self.degrees_of_freedom < 1.0:
-            return
-        self.noise = least_noise
-        if noise_equation(least_noise) < 0.0:  # else the residuals are rounding
-            from scipy.optimize import brentq  # slow to import
-
-            # with N - r(s) >= 1 the solution is at most sqrt(N) residual
-            upper_bound = max(residual * np.sqrt(count), 1.0)
-            solution = brentq(noise_equation, least_noise, upper_bound, xtol=RANK_ROUNDING * least_noise)
-            self.noise = float(solution)
-        self.degrees_of_freedom = freedom_at(self.noise)
-
-    def _squared_singular_values(self, equations: ParameterEquations) -> Array:
-        """Compute squared singular values (p,) of A S, with the rows A of the data.
-
-        S S' is the covariance of the prior. The prior combines the deviations D with the slopes L of loop
-        equations that no joint can close: (S S')^-1 = D^-2 + L'L. With L D = U diag(w) V' the solution is
-        S = D V diag(1 + w^2)^(-1/2).
-        """
-        p = len(self.prior)
-        # zero rows complete w and V if there are fewer loop equations than parameters
-        L_D = np.concatenate([np.concatenate(equations.loop_slopes) * self.prior, np.zeros((p, p))])
-        triangle = np.linalg.qr(L_D, mode="r")  # (p, p) with the same w and V
-        _, w, V_transposed = np.linalg.svd(triangle)
-        A_D = np.concatenate(self.weights[:, None, None] * equations.matrix) * self.prior
-        A_S = A_D @ V_transposed.T / np.sqrt(1.0 + w**2)
-        return np.linalg.eigvalsh(A_S.T @ A_S).clip(0.0)  # negative only by rounding
+    if freedom_at(least_noise) < 1.0:
+        return 1.0, freedom_at(least_noise)
+    noise = least_noise
+    if excess(least_noise) < 0.0:  # else the residuals are rounding
+        # with N - r(n) >= 1 the solution is at most sqrt(N) residual
+        largest = max(residual * np.sqrt(count), 1.0)
+        noise = float(brentq(excess, least_noise, largest, xtol=RANK_ROUNDING * least_noise))
+    return noise, freedom_at(noise)

@@ -31,11 +31,13 @@ from framework.identification.base_parameters import (
     gravity_scale,
     parameter_regressor,
 )
-from framework.identification.combinations import find_combinations
-from framework.identification.identify import Identification, IdentifiedQuantity, free_parameters, identify
+from framework.identification.identify import Identification, IdentifiedQuantity, identify
+from framework.identification.least_squares import posterior_root
 from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
+from framework.identification.unknowns import choose_unknowns, is_determined
 from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.continuation.forward_kinematics import forward_kinematics, motors_are_free
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import (
@@ -49,7 +51,7 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.laws.law import check_duration
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, ReadOnlyArrays, join
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain
@@ -85,7 +87,7 @@ class Excitation(ReadOnlyArrays):
     Attributes:
         identification: of the simulated recording, by which the robot file's own values are the truth.
         tracking_error: largest distance of the simulated platform from the motion [robot lengths, rad].
-        improvement: geometric mean of the parameters' deviations before the search, over that after.
+        improvement: mean deviation of what is shown before the search, over that after.
     """
 
     robot: ParallelRobot
@@ -198,15 +200,24 @@ def excite(
             f"duration: {duration:g} s at {sensors.rate:g} Hz are {samples:.6g} samples, of at least "
             f"{MIN_SAMPLES} and at most {MAX_SAMPLES}"
         )
-    design = _Design.of(robot, duration, only, sensors, acceleration)
-    limits = _Limits(
-        torque=motor_limits(robot, "torque_limit", torque_limit),
-        speed=motor_limits(robot, "speed_limit", speed_limit),
+    require_square(robot)
+    base = base_parameters(robot)
+    # the highest harmonic reaches the limit of the acceleration with a tenth of the robot's length
+    highest = np.sqrt(acceleration / (0.1 * robot.length)) / (2.0 * np.pi)  # [Hz]
+    design = _Design(
+        robot=robot,
+        base=base,
+        columns=choose_unknowns(base, collect_link_parameters(robot, base.described), only).design,
+        noise_share=max(sensors.torque_noise, 1e-6) * np.sqrt(INSTANTS / samples),
+        duration=duration,
+        period=duration / max(1, round(duration * highest / HARMONICS[-1])),
+        torque_limit=motor_limits(robot, "torque_limit", torque_limit),
+        speed_limit=motor_limits(robot, "speed_limit", speed_limit),
         acceleration=acceleration,
-        clearance=clearance_share * design.distances(linearised_at_reference(robot))[0],
+        clearance=clearance_share * _distances(robot, linearised_at_reference(robot))[0],
     )
-    z, q, fall = _search(design, limits, trials, np.random.default_rng(seed), progress)
-    motion = _complete(design, limits, z, q, sensors.rate)
+    z, q, improvement = _search(design, trials, np.random.default_rng(seed), progress)
+    motion = _complete(design, z, q, sensors.rate)
     simulation, recording = _simulate(robot, motion, sensors)
     x = simulation.platform(motion.times)
     return Excitation(
@@ -216,63 +227,34 @@ def excite(
         simulation=simulation,
         identification=identify(robot, recording, only=only),
         tracking_error=float(np.abs((x - motion.x) / robot.platform_scale).max()),
-        improvement=float(np.exp(fall)),
+        improvement=improvement,
         trials=trials,
     )
 
 
-class _Limits(NamedTuple):
-    """Limits of a motion."""
-
-    torque: Array  # (n_a,) motor side
-    speed: Array  # (n_a,) motor side
-    acceleration: float  # [m/s^2] of the platform
-    clearance: Array  # (2,) least distances from Type 1 and Type 2
-
-    def scale(self, share: float) -> _Limits:
-        """Return limits that are stricter by a share."""
-        values = (self.torque * share, self.speed * share, self.acceleration * share, self.clearance / share)
-        return _Limits(*values)
+def _distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute distances (T, 2) from Type 1 and Type 2: least singular values."""
+    type_1 = singular_values(type1_matrix(robot, linearised))[:, -1]
+    return np.stack([type_1, clearance(robot, linearised)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """The family of motions, and what their torques are to show.
+    """The family of motions with its limits, and what their torques are to show.
 
     A motion is z (K, n): K functions of time for each coordinate, over the scale of the platform.
     """
 
     robot: ParallelRobot
     base: BaseParameters
-    columns: Array  # (r, k) derivatives of the base parameters by combinations of what is asked
+    columns: Array  # (r, k) derivatives of the base parameters by `Unknowns` that are asked for
     noise_share: float  # of the torques over their largest value, for one mean instant of the recording
     duration: float
     period: float
-
-    @staticmethod
-    def of(
-        robot: ParallelRobot, duration: float, only: Sequence[str], sensors: Sensors, acceleration: float
-    ) -> _Design:
-        """Choose period and parameters."""
-        require_square(robot)
-        base = base_parameters(robot)
-        links = collect_link_parameters(robot, base.described)
-        free = free_parameters(robot, base, links, only)
-        free = free[links.prior_sizes[free] > 0.0]  # a point mass stays one
-        sizes = links.prior_sizes[free]
-        by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (r, f)
-        leading = find_combinations(by_links, sizes).leading
-        # the highest harmonic reaches the limit of the acceleration with a tenth of the robot's length
-        highest = np.sqrt(acceleration / (0.1 * robot.length)) / (2.0 * np.pi)  # [Hz]
-        periods = max(1, round(duration * highest / HARMONICS[-1]))
-        return _Design(
-            robot=robot,
-            base=base,
-            columns=by_links[:, leading] * sizes[leading],
-            noise_share=max(sensors.torque_noise, 1e-6) * np.sqrt(INSTANTS / (sensors.rate * duration)),
-            duration=duration,
-            period=duration / periods,
-        )
+    torque_limit: Array  # (n_a,) motor side
+    speed_limit: Array  # (n_a,) motor side
+    acceleration: float  # [m/s^2] largest of the platform
+    clearance: Array  # (2,) least distances from Type 1 and Type 2
 
     def functions(self, times: Array) -> Array:
         """Compute the K functions (3, T, K) with two derivatives at times (T,): a constant, then waves.
@@ -292,20 +274,18 @@ class _Design:
         constant[0] = 1.0
         return np.concatenate([constant, np.array([np.hstack(pair) for pair in waves]) @ shapes], axis=2)
 
-    def distances(self, linearised: LinearisedLoops) -> Array:
-        """Compute distances (T, 2) from Type 1 and Type 2: least singular values."""
-        type_1 = singular_values(type1_matrix(self.robot, linearised))[:, -1]
-        return np.stack([type_1, clearance(self.robot, linearised)], axis=1)
+    def evaluate(self, z: Array, times: Array, guess: Array, share: float = 1.0) -> PeriodicMotion | str:
+        """Compute a motion z (K, n) at times (T,), or say which limit it violates.
 
-    def evaluate(
-        self, z: Array, functions: Array, guess: Array, limits: _Limits, times: Array
-    ) -> PeriodicMotion | str:
-        """Compute a motion z (K, n), or say which limit it violates, from a guess (T, nq) of the poses."""
+        Args:
+            guess: (T, nq) of the poses.
+            share: of the limits that the motion may use.
+        """
         robot = self.robot
-        x, dx, ddx = robot.platform_scale * (functions @ z)  # (T, n) each
+        x, dx, ddx = robot.platform_scale * (self.functions(times) @ z)  # (T, n) each
         x = x + robot.reference.x
         size = np.linalg.norm(ddx / robot.platform_scale, axis=1).max() * robot.length
-        if size > limits.acceleration:
+        if size > share * self.acceleration:
             return f"the platform's acceleration reaches {size:.3g} m/s^2"
         closed = close_each(robot, x, guess, farthest=MAX_NEWTON_STEP)
         if not closed.closed.all():
@@ -314,78 +294,73 @@ class _Design:
         if beyond.any():
             joint = robot.limits[int(beyond.max(axis=0).argmax())].joint
             return f"{joint} leaves its range"
-        near = self.distances(closed.linearised).min(axis=0) < limits.clearance
+        near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance
         if near.any():
             return f"it comes near a Type {1 + int(near.argmax())} singularity"
         motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
-        if (np.abs(speed) > limits.speed).any():
+        if (np.abs(speed) > share * self.speed_limit).any():
             return "a motor exceeds its speed limit"
         regressor = parameter_regressor(robot, motion, self.base.described)
         to_motors = np.linalg.pinv(regressor.motors)  # (T, n_a, n)
         rows = to_motors @ regressor.matrix[:, :, self.base.combinations.leading]
         torque = rows @ self.base.values + np.matvec(to_motors, regressor.constant)
-        if (np.abs(torque) > limits.torque).any():
+        if (np.abs(torque) > share * self.torque_limit).any():
             return "a motor exceeds its torque limit"
         dry = robot.joint_friction[robot.actuated] * np.sign(speed) / robot.gear_ratio
         angle = robot.gear_ratio * robot.actuated_coordinates(closed.q)
         return PeriodicMotion(times, closed.q, x, angle, speed, torque, dry, rows)
 
-    def cost(self, motion: PeriodicMotion) -> float:
-        """Compute the mean logarithm of the parameters' deviations over their sizes, at most 0."""
+    def deviation_shares(self, motion: PeriodicMotion) -> Array:
+        """Compute the deviations (m,) of base parameters by data and prior, over those by the prior alone."""
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
         W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
-        R = np.linalg.qr(np.concatenate([W, np.eye(W.shape[1])]), mode="r")
-        return float(np.mean(np.log(np.linalg.norm(np.linalg.inv(R), axis=1))))
+        by_prior = np.linalg.norm(self.columns, axis=1)
+        asked = by_prior > 0.0
+        return np.linalg.norm(self.columns[asked] @ posterior_root(W), axis=1) / by_prior[asked]
 
 
 def _search(
-    design: _Design,
-    limits: _Limits,
-    trials: int,
-    random: np.random.Generator,
-    progress: Callable[[float], None],
+    design: _Design, trials: int, random: np.random.Generator, progress: Callable[[float], None]
 ) -> tuple[Array, Array, float]:
     """Search the motion z (K, n) of least cost by an evolution strategy.
 
-    Return z, its poses q (INSTANTS, nq), and how far the cost fell.
+    The cost is the mean logarithm of the deviations of base parameters. Return z, its poses q (INSTANTS, nq),
+    and how many times smaller the deviations of what it shows are than those by the first motion.
     """
     success = 1.5  # growth of the step after a success
     least_step = 1e-3  # [rad, robot lengths]
     largest_step = 0.05
     robot = design.robot
     times = design.period * np.arange(INSTANTS) / INSTANTS
-    functions = design.functions(times)
-    strict = limits.scale(SEARCH_SHARE)
-    shape = (functions.shape[2], robot.n)
     guess = np.tile(robot.reference.q, (INSTANTS, 1))
-    z = np.zeros(shape)
-    step = largest_step
-    best: PeriodicMotion | str = ""
-    first = 0.1 * random.standard_normal(shape)
-    for halving in range(24):
-        z = first * 0.5**halving
-        best = design.evaluate(z, functions, guess, strict, times)
+    z = 0.1 * random.standard_normal((2 * len(HARMONICS) - 1, robot.n))
+    for _ in range(24):
+        best = design.evaluate(z, times, guess, SEARCH_SHARE)
         if isinstance(best, PeriodicMotion):
             break
+        z = 0.5 * z
     if isinstance(best, str):
         raise NoAnswer(f"{robot.name}: no motion near the reference keeps the limits: however small, {best}")
-    cost = first_cost = design.cost(best)
+    step = largest_step
+    first = shares = design.deviation_shares(best)
     for k in range(trials):
         progress(k + 1)
-        child = z + step * random.standard_normal(shape)
-        motion = design.evaluate(child, functions, best.q, strict, times)
-        if isinstance(motion, PeriodicMotion) and (lower := design.cost(motion)) < cost:
-            z, best, cost = child, motion, lower
+        child = z + step * random.standard_normal(z.shape)
+        motion = design.evaluate(child, times, best.q, SEARCH_SHARE)
+        lower = design.deviation_shares(motion) if isinstance(motion, PeriodicMotion) else shares
+        if isinstance(motion, PeriodicMotion) and np.log(lower).sum() < np.log(shares).sum():
+            z, best, shares = child, motion, lower
             step *= success
         else:
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-    return z, best.q, first_cost - cost
+    shown = is_determined(shares, np.ones(len(shares)))
+    return z, best.q, float(np.exp(np.mean(np.log(first[shown] / shares[shown])))) if shown.any() else 1.0
 
 
-def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float) -> PeriodicMotion:
+def _complete(design: _Design, z: Array, q: Array, rate: float) -> PeriodicMotion:
     """Compute a motion z (K, n) at `rate` [Hz], made smaller until the limits hold at all instants.
 
     `q` (INSTANTS, nq) are its poses at the instants of the search.
@@ -393,23 +368,17 @@ def _complete(design: _Design, limits: _Limits, z: Array, q: Array, rate: float)
     times = np.arange(int(design.duration * rate * (1.0 + SAME_PLACE)) + 1) / rate
     coarse = design.period * np.arange(INSTANTS) / INSTANTS
     nearest = np.round(times / design.period * INSTANTS).astype(int) % INSTANTS
-    motion: PeriodicMotion | str = ""
+    chunks = np.array_split(np.arange(len(times)), 1 + len(times) // CHUNK)
     for _ in range(40):
-        motion = design.evaluate(z, design.functions(coarse), q, limits, coarse)
+        motion = design.evaluate(z, coarse, q)
         if isinstance(motion, PeriodicMotion):
             q = motion.q
-            parts = []
-            for start in range(0, len(times), CHUNK):
-                part = slice(start, start + CHUNK)
-                functions = design.functions(times[part])
-                motion = design.evaluate(z, functions, q[nearest[part]], limits, times[part])
-                if isinstance(motion, str):
-                    break
-                parts.append(motion)
-            else:
-                return PeriodicMotion(*map(np.concatenate, zip(*parts, strict=True)))
+            parts = [design.evaluate(z, times[chunk], q[nearest[chunk]]) for chunk in chunks]
+            refused = [part for part in parts if isinstance(part, str)]
+            if not refused:
+                return join([part for part in parts if isinstance(part, PeriodicMotion)])
+            motion = refused[0]
         z = 0.97 * z
-    assert isinstance(motion, str)
     raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion}")
 
 
@@ -424,6 +393,8 @@ def _simulate(robot: ParallelRobot, motion: PeriodicMotion, sensors: Sensors) ->
     from scipy.interpolate import make_interp_spline  # slow to import
 
     start = assemble(robot, motion.x[0]).q
+    if motors_are_free(robot):  # motors wait where the motion begins: another robot's platform is elsewhere
+        start = forward_kinematics(robot, motion.angle[0] / robot.gear_ratio, near=start).q
     frequency = 10.0 * np.sqrt(gravity_scale(robot) / robot.length)  # [rad/s] of the feedback
     control = MotorControl.of(motor_inertia(robot, start), frequency)
     planned = make_interp_spline(motion.times, motion.torque - motion.friction, k=5)

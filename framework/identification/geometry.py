@@ -8,10 +8,9 @@ These are the dimensions of the robot. Parameters are the dimensions themselves 
 robot file's `parameters`, on which dimensions depend; three numbers of each fixture (`fixtures`) come behind.
 
 At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
-plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = closing_step + joint_slopes dp +
-free_motions z with any z (`_LinearLoops`). Least squares on the measurements determines z, and the remaining
-equations contain only the parameters p. These equations are regular at Type 2 singularities, and treat the
-noise of motors like that of the platform.
+plus noise. The linearised loops leave free motions z. Least squares on the measurements determines z, and the
+remaining equations contain only the parameters p (`eliminate_poses`). These equations are regular at Type 2
+singularities, and treat the noise of motors like that of the platform.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 
@@ -31,11 +30,12 @@ from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import child_element, read_origin, remove_children
+from framework.model.documents import read_origin, remove_children
 from framework.model.loop_rows import LoopRows
 from framework.model.placement import placement, rotation_about
 from framework.model.robot_file import read_robot_file
-from framework.model.urdf_edits import NewJoint, joint_element, origin_element
+from framework.model.urdf_edits import origin_element, urdf_text
+from framework.model.urdf_elements import Joint, Tree, read_tree
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
@@ -107,8 +107,7 @@ class Geometry(ReadOnlyArrays):
             else closure
             for closure in description.closures
         ]
-        urdf_text = tostring(urdf, encoding="unicode")
-        return replace(description, urdf_text=urdf_text, closures=tuple(closures))
+        return replace(description, urdf_text=tostring(urdf, encoding="unicode"), closures=tuple(closures))
 
     def with_lengths(self, values: Array) -> ParallelRobot:
         """Return the model with the lengths of closures changed by parameters (p,).
@@ -158,10 +157,9 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         InvalidInput: a name is not one of these.
     """
     description = robot.description
-    urdf = fromstring(description.urdf_text)
-    elements = elements_by_name(urdf, "joint")
+    tree = read_tree(fromstring(description.urdf_text))
     # choose joints that exist, in the order of the URDF
-    candidates = _joints_to_frames(description, elements)
+    candidates = _joints_to_frames(description, tree)
     with_length = [closure.name for closure in description.closures if closure.length is not None]
     numbers = tuple(name for name in description.parameters if name in (joints or ()))
     for name in joints or ():
@@ -174,13 +172,12 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     # place a spring of six virtual joints behind the origin of each joint
     springs = []
     for name in chosen:
-        is_fixed = elements[name].get("type") == "fixed"
-        origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
+        joint = tree.joints[name]
+        origin_joint = _insert_origin_joint(tree, joint) if joint.moves else name
         stiffness = (1.0,) * len(AXES)  # required, but without effect on the geometry
         springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, stiffness))
 
-    urdf_text = tostring(urdf, encoding="unicode")
-    with_errors = replace(description, urdf_text=urdf_text, springs=tuple(springs))
+    with_errors = replace(description, urdf_text=urdf_text(tree), springs=tuple(springs))
     return Geometry(
         robot=robot,
         model=ParallelRobot.from_description(with_errors, flexibility="flexible_joints"),
@@ -206,11 +203,10 @@ def _dimensions_with(
         description.file,
         {name: value + changes.get(name, 0.0) for name, value in description.parameters.items()},
     )
-    ours, theirs = (elements_by_name(fromstring(one.urdf_text), "joint") for one in (description, other))
+    ours, theirs = (read_tree(fromstring(one.urdf_text)).joints for one in (description, other))
     moves = []
     for name in joints:
-        before, after = (read_origin(elements[name], f"joint {name!r}") for elements in (ours, theirs))
-        move = np.linalg.solve(before, after)  # (4, 4)
+        move = np.linalg.solve(ours[name].origin, theirs[name].origin)  # (4, 4)
         R = move[:3, :3]  # of rotations about x, y, z in turn
         y = np.arcsin(np.clip(R[0, 2], -1.0, 1.0))
         moves.append([*move[:3, 3], np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
@@ -243,10 +239,8 @@ def _dependent_dimensions(
 
 def _other_geometry(description: RobotDescription) -> object:
     """Return all that decides poses besides joint origins and lengths of closures."""
-    axes = [
-        (joint.get("name"), "".join(axis.get("xyz", "") for axis in joint.findall("axis")))
-        for joint in fromstring(description.urdf_text).findall("joint")
-    ]
+    tree = read_tree(fromstring(description.urdf_text))
+    axes = [(joint.name, *joint.axis.tolist()) for joint in tree.joints.values()]
     gears = [(motor.joint, motor.gear_ratio) for motor in description.actuators]
     closures = [replace(closure, length=closure.length and 1.0) for closure in description.closures]
     return axes, gears, closures, description.couplings, description.platform
@@ -257,49 +251,22 @@ def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
     return {element.get("name", ""): element for element in urdf.findall(tag)}
 
 
-def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
-    """Return the joints between the base and the frames of platform and closures, in URDF order.
-
-    A frame is named by a link, or by a joint, which stands for its child link. From this link the search goes
-    from joint to joint up to the base. `elements` are the joints of the URDF by name.
-    """
-    parent_joints = {_link_name(element, "child"): name for name, element in elements.items()}  # by link
-    frames = [description.platform.frame]
-    for closure in description.closures:
-        frames += closure.frames
-    joints = set()
-    for frame in frames:
-        is_joint = frame not in parent_joints and frame in elements
-        link = _link_name(elements[frame], "child") if is_joint else frame
-        while link in parent_joints:
-            joint = parent_joints[link]
-            joints.add(joint)
-            link = _link_name(elements[joint], "parent")
-    return [name for name in elements if name in joints]
+def _joints_to_frames(description: RobotDescription, tree: Tree) -> list[str]:
+    """Return the joints between the base and the frames of platform and closures, in URDF order."""
+    frames = [description.platform.frame, *(frame for each in description.closures for frame in each.frames)]
+    joints = {joint.name for frame in frames for joint in tree.path_to_base(tree.link_of(frame))}
+    return [name for name in tree.joints if name in joints]
 
 
-def _link_name(joint: Element, end: str) -> str:
-    """Return the name of a joint's "parent" or "child" link; empty without one."""
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")
-
-
-def _insert_origin_joint(urdf: Element, joint: Element) -> str:
+def _insert_origin_joint(tree: Tree, joint: Joint) -> str:
     """Insert a fixed joint that takes over the origin of a moving one; return its name.
 
     A new link without mass lies between the fixed joint and the moving one, whose own origin is then zero.
     """
-    name = f"{joint.get('name')}_{PLACED}"
+    name = f"{joint.name}_{PLACED}"
     link = f"{name}_link"
-    SubElement(urdf, "link", name=link)
-    parent = child_element(joint, f"joint {joint.get('name')!r}", "parent")
-    origin = joint.find("origin")
-    fixed = joint_element(NewJoint(name, "fixed"), parent.get("link", ""), link)
-    parent.set("link", link)  # the moving joint now starts at the new link
-    if origin is not None:
-        joint.remove(origin)
-        fixed.append(origin)
-    urdf.append(fixed)
+    tree.put(Joint(name, "fixed", joint.origin, parent=joint.parent, child=link))
+    tree.put(replace(joint, origin=np.eye(4), parent=link, element=None))
     return name
 
 
@@ -470,6 +437,7 @@ class ParameterEquations(NamedTuple):
     loop_slopes: Array  # (T, rows, p) derivatives of `loop_residual` along the parameters
     joint_step: Array  # (T, k) [rad, m] steps of the joints at constant parameters
     joint_slopes: Array  # (T, k, p) further steps of the joints for unit steps of the parameters
+    per_instant: int  # equations of an instant that are left: eliminating a pose uses up one for each motor
 
 
 def eliminate_poses(
@@ -477,10 +445,13 @@ def eliminate_poses(
 ) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    The dimensions are the elastic joints of the model, then lengths. After steps dp of them and z (T, f)
-    along the f free motions of the closed loops, the offsets over their noise are r + A dp + B z. Least
-    squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and
-    Pereyra 1973).
+    F_q and F_p are the derivatives of the r loop equations F along the k joints [rad, robot lengths] and the
+    p parameters. With F_q = U S V', the first columns of U and V, as many as the rank, give the steps of the
+    joints that keep the loops closed, dq = -F_q^+ (F + F_p dp) + free z. The other columns of V are the f
+    free motions, and those of U the combinations of loop equations that no joint can close.
+
+    The offsets over their noise are then r + A dp + B z. Least squares gives z = -B^+ (r + A dp), and
+    (1 - B B^+) (r + A dp) remains (variable projection, Golub and Pereyra 1973).
 
     Args:
         measured: m measurements at the T instants, with their standard deviations `noise` (m,).
@@ -489,20 +460,34 @@ def eliminate_poses(
     model = geometry.with_lengths(values)
     frames = frames_at(model, q)
     scale = model.column_scale[model.joints]  # (k,) units of the k joints of the robot itself
-    loops = _solve_linear_loops(geometry, model, frames)
+    by_parameters = geometry.slopes(values)  # (g, p) of the dimensions: elastic joints of the model, lengths
+
+    # the linearised loops, dimensionless
+    loops = loop_equations(model.rows, frames)
+    weights = 1.0 / model.row_lengths  # (r,)
+    gap = weights * loops.residual  # (T, r) F
+    jacobian = weights[:, None] * loops.jacobian
+    F_q = jacobian[:, :, model.joints] * scale  # (T, r, k)
+    by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(q), 1, 1))
+    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2) @ by_parameters  # (T, r, p)
+    U, S, V_rows = np.linalg.svd(F_q)
+    rank = len(model.structure.independent)
+    U_rows, V = U.swapaxes(1, 2), V_rows.swapaxes(1, 2)
+    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r) pseudo-inverse of F_q
+    unreachable = U_rows[:, rank:] / LOOP_GAP  # (T, rows, r)
+    closing_step = -np.matvec(inverse, gap)  # (T, k)
+    joint_slopes = -inverse @ F_p  # (T, k, p)
+    free_motions = V[:, :, rank:]  # (T, k, f)
 
     # the offsets over their noise, and their slopes along joints and parameters
     offsets, slopes, by_fixtures = measurement_offsets(geometry, model, measured, frames, values)
     slopes = slopes / measured.noise[:, None]  # (T, m, nv)
     by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
-    r = offsets / measured.noise + np.matvec(by_joints, loops.closing_step)  # (T, m)
+    r = offsets / measured.noise + np.matvec(by_joints, closing_step)  # (T, m)
     # a parameter acts directly, and through the joints that move to keep the loops closed
-    A = by_joints @ loops.joint_slopes  # (T, m, g)
-    A[:, :, : len(model.elastic)] += slopes[:, :, model.elastic]
-    to_dimensions = geometry.slopes(values)  # (g, p)
-    A = A @ to_dimensions  # (T, m, p)
+    A = by_joints @ joint_slopes + slopes[:, :, model.elastic] @ by_parameters[: model.n_e]  # (T, m, p)
     A[:, :, len(geometry.names) - by_fixtures.shape[2] :] += by_fixtures / measured.noise[:, None]
-    B = by_joints @ loops.free_motions  # (T, m, f)
+    B = by_joints @ free_motions  # (T, m, f)
 
     # eliminate z
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
@@ -511,51 +496,9 @@ def eliminate_poses(
     return ParameterEquations(
         residual=r - np.matvec(B, minus_z),
         matrix=A - B @ minus_z_slope,
-        loop_residual=loops.loop_residual,
-        loop_slopes=loops.loop_slopes @ to_dimensions,
-        joint_step=scale * (loops.closing_step - np.matvec(loops.free_motions, minus_z)),
-        joint_slopes=scale[:, None]
-        * (loops.joint_slopes @ to_dimensions - loops.free_motions @ minus_z_slope),
-    )
-
-
-class _LinearLoops(NamedTuple):
-    """Solutions of the linearised loops for k joints, [rad, robot lengths].
-
-    They are dq = closing_step + joint_slopes dg + free_motions z, any z (f,), for steps dg of dimensions.
-    """
-
-    closing_step: Array  # (T, k) of least norm that closes the loops at constant parameters
-    joint_slopes: Array  # (T, k, g) steps that keep the loops closed for unit steps of the dimensions
-    free_motions: Array  # (T, k, f) orthonormal motions that keep the loops closed
-    loop_residual: Array  # (T, rows) of loop equations that no joint can close, over LOOP_GAP
-    loop_slopes: Array  # (T, rows, g) derivatives of `loop_residual` along the dimensions
-
-
-def _solve_linear_loops(geometry: Geometry, model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
-    """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
-
-    F_q and F_p are the derivatives of the r loop equations along the k joints and the g dimensions. The first
-    columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns of V are
-    the free motions. The other columns of U are the combinations of loop equations that no joint can close.
-    """
-    loops = loop_equations(model.rows, frames)
-    weights = 1.0 / model.row_lengths  # (r,) make the equations dimensionless
-    residual = weights * loops.residual
-    jacobian = weights[:, None] * loops.jacobian
-    F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
-    by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(frames.q), 1, 1))
-    F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2)  # (T, r, g)
-    U, S, V_rows = np.linalg.svd(F_q)
-    rank = len(model.structure.independent)
-    U_rows = U.swapaxes(1, 2)
-    V = V_rows.swapaxes(1, 2)
-    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r) pseudo-inverse of F_q
-    unreachable = U_rows[:, rank:] / LOOP_GAP  # (T, rows, r)
-    return _LinearLoops(
-        closing_step=-np.matvec(inverse, residual),
-        joint_slopes=-inverse @ F_p,
-        free_motions=V[:, :, rank:],
-        loop_residual=np.matvec(unreachable, residual),
+        loop_residual=np.matvec(unreachable, gap),
         loop_slopes=unreachable @ F_p,
+        joint_step=scale * (closing_step - np.matvec(free_motions, minus_z)),
+        joint_slopes=scale[:, None] * (joint_slopes - free_motions @ minus_z_slope),
+        per_instant=len(measured.names) - model.n_a,
     )

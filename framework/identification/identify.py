@@ -20,7 +20,6 @@ from warnings import warn
 
 import numpy as np
 
-from framework.dynamics.body_parameters import INERTIAL
 from framework.errors import InvalidInput, NotIdentified, check_choice
 from framework.identification.base_parameters import (
     OF_MOTORS,
@@ -32,21 +31,20 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
-from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate, prior_root
+from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
 from framework.identification.measured_motion import measured_motion
 from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.identification.torque_rows import TorqueRows, torque_rows
-from framework.kinematics.mechanism import frame_index
+from framework.identification.unknowns import PAYLOAD, Unknowns, choose_unknowns, is_determined
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.output import Document, plain, select_fields
-from framework.tolerances import BETTER_DEVIATIONS, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
+from framework.tolerances import BETTER_DEVIATIONS, SIGNIFICANT_DEVIATIONS
 
-GROUPS = ("payload", "friction", "rotor")  # parameters that may be asked for by these names
 BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
 
@@ -58,7 +56,7 @@ class IdentifiedQuantity(NamedTuple):
     value: float
     deviation: float
     file: float
-    determined: bool  # the data leave less than half of the deviation that the prior allows
+    determined: bool  # the data leave less than DETERMINED_SHARE of the prior's deviation
     alone: bool  # exciting motions determine it apart from all else that is asked
 
 
@@ -79,7 +77,7 @@ class Identification(ReadOnlyArrays):
         values, deviations: (rank,) base parameters estimated from the data, with a prior about the file, and
             their standard deviations. Parameters that were not asked for keep the file's values, with the
             deviation 0.
-        determined: (rank,) whether the data rather than the prior decide a base parameter.
+        determined: (rank,) whether the data leave less than DETERMINED_SHARE of the prior's deviation.
         parameters: (p,) the most probable values of `base.parameters` that bodies can have, by the data and
             a prior about the file. Those that the data do not show stay at the file's values.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
@@ -112,9 +110,8 @@ class Identification(ReadOnlyArrays):
 
     @property
     def undetermined(self) -> Names:
-        """Names of base parameters that the prior decides, or with deviations above their values."""
-        sizes = np.maximum(np.abs(self.values), np.abs(self.base.values))
-        return self._base_names(~self.determined | (self.deviations > sizes))
+        """Names of base parameters that the data do not determine."""
+        return self._base_names(~self.determined)
 
     @property
     def keeps_file(self) -> bool:
@@ -274,7 +271,7 @@ def identify(
         not_negative(name, value)
     base = base_parameters(robot, massless=massless)
     links = collect_link_parameters(robot, base.described)
-    free = free_parameters(robot, base, links, only)
+    unknowns = choose_unknowns(base, links, only, prior)
 
     # equations of the recorded motion, for the fit and for validation
     data = load_recording(robot, data, conversions)
@@ -290,31 +287,23 @@ def identify(
         )
         test = torque_rows(robot, other, base, exact_motion=True)
 
-    # the base parameters, then bodies that can exist
-    by_links = base.combinations.coefficients @ links.to_parameters[:, free]  # (rank, f)
-    design = by_links if only else np.eye(base.rank)
-    fit = estimate(rows, design, base.values, errors=errors)
-    if only:
-        root = fit.root
-        solution = fit.solve(prior * np.diag(links.prior_sizes[free]), by_links)
-    else:
-        root = fit.root @ by_links
-        solution = fit.solve(prior_root(base, links, prior))
-    possible = fit_possible_parameters(robot, links, free, root, fit.right, prior)
-    parameters = base.described.values + links.to_parameters @ (possible.values - links.values)
-    twin = base.combinations.coefficients @ parameters  # (rank,) base parameters
+    # the base parameters, then bodies that can exist, and simpler models
+    found = estimate(rows, unknowns.design, base.values, errors)
+    possible = fit_possible_parameters(robot, links, unknowns, found)
+    change = possible.values - links.values
+    deviations = np.linalg.norm(unknowns.design @ found.spread, axis=1)
     return Identification(
         robot=robot,
         base=base,
-        values=base.values + solution.values,
-        deviations=solution.deviations,
-        determined=solution.determined,
-        parameters=parameters,
+        values=base.values + unknowns.design @ found.values,
+        deviations=deviations,
+        determined=is_determined(deviations, np.linalg.norm(unknowns.design, axis=1)),
+        parameters=base.described.values + links.to_parameters @ change,
         links=links,
         link_values=possible.values,
-        quantities=_describe(robot, links, possible, free, prior, by_links),
-        predictions=_compare(robot, base, links, rows, test, twin, fit, errors, only),
-        noise=fit.noise,
+        quantities=_describe(robot, links, unknowns, possible),
+        predictions=_compare(robot, base, links, rows, test, possible, found, errors, only),
+        noise=found.noise,
         steps=_torque_steps(measured.torque),
         cutoff=measured.cutoff,
         poses=measured.source,
@@ -322,8 +311,8 @@ def identify(
         instants=len(measured.times),
         period=float(np.median(np.diff(measured.times))),
         jitter=float(np.ptp(np.diff(measured.times))),
-        equations=fit.equations,
-        order=fit.order,
+        equations=found.equations,
+        order=found.order,
         seconds=clock.perf_counter() - started,
     )
 
@@ -340,60 +329,7 @@ def _torque_steps(torque: Array) -> Array:
     return np.minimum(steps, np.abs(torque).max(axis=0)) / np.abs(torque).max(axis=0)
 
 
-# ------------------------------------------------------------------ which parameters
-
-
-def free_parameters(
-    robot: ParallelRobot, base: BaseParameters, links: LinkParameters, only: Sequence[str]
-) -> IntArray:
-    """Return the indices (f,) of the parameters of links and motors that are asked for; all without names.
-
-    Raises:
-        InvalidInput: an unknown name.
-    """
-    names = [f"{link}.{name}" for link in links.links for name in INERTIAL]
-    names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
-    if not only:
-        return np.arange(len(names))
-    parts = {name.rpartition(".")[0] for name in names}
-    chosen: set[int] = set()
-    for asked in only:
-        check_choice("parameter of --only", asked, [*GROUPS, *parts, *names])
-        if asked == "payload":
-            chosen.update(_payload(robot, base, links))
-            continue
-        ends = {"friction": (".friction", ".damping"), "rotor": (".rotor_inertia",)}.get(asked, ())
-        chosen.update(
-            k
-            for k, name in enumerate(names)
-            if name.endswith(ends) or asked in (name, name.rpartition(".")[0])
-        )
-    return np.array(sorted(chosen), dtype=np.intp)
-
-
-def _payload(robot: ParallelRobot, base: BaseParameters, links: LinkParameters) -> list[int]:
-    """Return the indices of the parameters of the link that carries the platform's frame.
-
-    If this link has no mass, they are those of the links with mass that are fixed to it.
-    """
-    frame = robot.model.frames[frame_index(robot.model, robot.description.platform.frame)]
-    of_body = np.flatnonzero(base.described.bodies == frame.parentJoint)
-    first = 10 * of_body[0] if len(of_body) else 0
-    carried = [
-        k
-        for k, part in enumerate(links.link_slices)
-        if len(of_body) and links.to_parameters[first : first + 10, part].any()
-    ]
-    if not carried:
-        raise InvalidInput(
-            f"{robot.name}: the body of the platform's frame {frame.name} has no mass in the file; give it "
-            f"one near the payload's"
-        )
-    own = [k for k in carried if links.links[k] == frame.name]
-    return [k for link in own or carried for k in range(10 * link, 10 * link + 10)]
-
-
-# ------------------------------------------------------------------ fits and predictions
+# ------------------------------------------------------------------ predictions
 
 
 def _compare(
@@ -402,33 +338,29 @@ def _compare(
     links: LinkParameters,
     rows: TorqueRows,
     test: TorqueRows,
-    twin: Array,
-    fit: Estimate,
+    possible: PossibleParameters,
+    found: Estimate,
     errors: Mapping[str, float],
     only: Sequence[str],
 ) -> tuple[Prediction, ...]:
-    """Predict the torques held out by the twin (rank,) and by simpler models; return the twin's first."""
+    """Predict the torques held out by the twin and by simpler models; return the twin's first."""
 
-    def residuals(beta: Array) -> Array:
-        """Return measured minus predicted torques (T, n_a)."""
-        return test.torque - test.constant - test.matrix @ beta - fit.offset
+    def residuals(values: Array) -> Array:
+        """Return measured minus predicted torques (T, n_a) by parameters (u,) of links and motors."""
+        beta = base.values + base.combinations.coefficients @ links.to_parameters @ (values - links.values)
+        return test.torque - test.constant - test.matrix @ beta - found.offset
 
-    models = {"twin": residuals(twin), "zero": test.torque, "file": residuals(base.values)}
+    models = {"twin": residuals(possible.values), "zero": test.torque, "file": residuals(links.values)}
     # dry and viscous friction explain the torques, nothing else does
-    is_friction = [name.endswith((".friction", ".damping")) for name in base.parameters]
-    columns = base.combinations.coefficients[:, is_friction]
+    design = choose_unknowns(base, links, ["friction"]).design
     bare = rows._replace(constant=np.zeros_like(rows.constant))
-    friction = estimate(bare, columns, np.zeros(base.rank), errors=errors)
-    by_friction = columns @ friction.solve(np.diag(base.described.sizes[is_friction])).values
-    models["friction alone"] = test.torque - test.matrix @ by_friction - friction.offset
-    if tuple(only) != ("payload",):
+    friction = estimate(bare, design, np.zeros(base.rank), errors)
+    models["friction alone"] = test.torque - test.matrix @ (design @ friction.values) - friction.offset
+    if tuple(only) != (PAYLOAD,):
         with suppress(InvalidInput):  # the platform has no mass
-            free = np.array(_payload(robot, base, links))
-            by_links = base.combinations.coefficients @ links.to_parameters[:, free]
-            payload = estimate(rows, by_links, base.values, errors=errors)
-            possible = fit_possible_parameters(robot, links, free, payload.root, payload.right, 1.0)
-            change = by_links @ (possible.values - links.values)[free]
-            models["payload alone"] = residuals(base.values + change)
+            payload = choose_unknowns(base, links, [PAYLOAD])
+            alone = estimate(rows, payload.design, base.values, errors)
+            models["payload alone"] = residuals(fit_possible_parameters(robot, links, payload, alone).values)
     return _rank_models(models, test)
 
 
@@ -479,18 +411,13 @@ BODY_QUANTITIES = {
 
 
 def _describe(
-    robot: ParallelRobot,
-    links: LinkParameters,
-    possible: PossibleParameters,
-    free: IntArray,
-    prior: float,
-    by_links: Array,
+    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, possible: PossibleParameters
 ) -> tuple[IdentifiedQuantity, ...]:
     """Return masses, centres, inertias about them, and motor parameters, with deviations.
 
-    The covariance C of the parameters of a link gives that of its quantities, J C J', with J by differences.
-    Motions without noise leave the covariance of what changes no base parameter, so a quantity that varies
-    there is none that torques show alone. `by_links` (rank, f) are the base parameters' derivatives.
+    The covariance S S' of the parameters gives that of their quantities, J S S' J', with J by differences.
+    Motions without noise leave what changes no torque, so a quantity that varies there is none that torques
+    show alone.
     """
     table: list[tuple[str, str]] = []  # names and units of the u quantities
     table += [(f"{link}.{name}", unit) for link in links.links for name, unit in BODY_QUANTITIES.items()]
@@ -498,20 +425,15 @@ def _describe(
         units = ("kg m^2", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
         table += zip([f"{joint}.{name}" for name in OF_MOTORS], units, strict=True)
 
-    allowed = np.zeros(len(table))  # (u,) deviations
-    allowed[free] = prior * links.prior_sizes[free]
     values = _body_quantities(links, possible.values)
+    in_file = _body_quantities(links, links.values)
     steps = 1e-6 * links.prior_sizes + np.finfo(float).tiny
     changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
     J = changes.T / steps  # (u, u)
-    deviations = np.sqrt(np.vecdot(J @ possible.covariance, J))
-    by_prior = np.linalg.norm(J * allowed, axis=1)
-    in_file = _body_quantities(links, links.values)
-    J_free = J[:, free] * allowed[free]  # (u, f)
-    rows = by_links * allowed[free]  # (rank, f)
-    shown = np.linalg.pinv(rows, rcond=RANK_ROUNDING) @ rows  # (f, f) projects on what motions show
-    left = np.linalg.norm(J_free - J_free @ shown, axis=1)  # deviations that motions leave at best
-    determined, alone = deviations < 0.5 * by_prior, left < 0.5 * by_prior
+    # (u,) deviations by data and prior, by the prior, and by what no motion shows
+    roots = (possible.spread, unknowns.prior_root, unknowns.hidden)
+    deviations, by_prior, left = (np.linalg.norm(J @ root, axis=1) for root in roots)
+    determined, alone = is_determined(deviations, by_prior), is_determined(left, by_prior)
     return tuple(
         IdentifiedQuantity(
             *table[k], values[k], deviations[k], in_file[k], bool(determined[k]), bool(alone[k])

@@ -32,11 +32,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.identification.base_parameters import BaseParameters, LinkParameters
 from framework.identification.torque_rows import TorqueRows
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.splines import banded_rows
-from framework.tolerances import MAX_PRIOR_SHARE, RANK_ROUNDING
+from framework.tolerances import RANK_ROUNDING
 
 SENSOR_ERRORS = {"scale": 0.005, "offset": 0.0, "delay": 0.0}
 """Standard deviations of sensor errors: shares of a torque, shares of its root mean square, seconds."""
@@ -45,121 +44,89 @@ MIN_CORRELATED = 100  # instants for each motor from which correlations between 
 
 
 class Estimate(NamedTuple):
-    """Estimated parameters: root @ (parameters) = right with independent unit noise."""
+    """Estimates of k unknowns that are independent unit normals before the data."""
 
-    root: Array  # (f, f) upper triangular; root' root is the information
-    right: Array  # (f,)
+    values: Array  # (k,)
+    spread: Array  # (k, k) S, where S S' is their covariance by data and prior
     noise: Array  # (n_a,) root mean square of the residuals at the recorded motion [N m, N]
     offset: Array  # (n_a,) of the torques [N m, N]
     order: int  # largest one of the autoregressive processes
     equations: int  # number of equations
 
-    def solve(self, L: Array, outputs: Array | None = None) -> Solution:
-        """Solve for `outputs` (o, f) @ parameters, by default the parameters.
 
-        Args:
-            L: (f, w), where L L' is the covariance of the parameters about 0 by the prior.
-        """
-        S = posterior_root(self.root, L)  # (f, w)
-        outputs = S if outputs is None else outputs @ S  # (o, w)
-        gain = outputs @ (self.root @ S).T  # (o, f) by which the noise of `right` is multiplied
-        noise = np.linalg.norm(gain, axis=1)
-        return Solution(gain @ self.right, np.linalg.norm(outputs, axis=1), noise)
+def posterior_root(rows: Array) -> Array:
+    """Compute S (k, k), where S S' is the covariance of k unknowns by rows (N, k) and a unit prior.
 
-
-class Solution(NamedTuple):
-    """Estimates of o quantities."""
-
-    values: Array  # (o,)
-    deviations: Array  # (o,) standard deviations
-    noise: Array  # (o,) their part by the noise of the data
-
-    @property
-    def determined(self) -> BoolArray:
-        """The mask (o,) of the quantities that the data decide, by MAX_PRIOR_SHARE."""
-        return self.noise**2 >= (1.0 - MAX_PRIOR_SHARE) * self.deviations**2
-
-
-def posterior_root(root: Array, L: Array) -> Array:
-    """Compute S (f, w), where S S' is the covariance of parameters by data and prior.
-
-    The data have the information `root`' `root`, and the prior with L (f, w) the covariance L L'. With the
-    decomposition root L = U s V' this is S = L V / sqrt(1 + s^2).
+    Rows with unit noise, U s V', and the prior have the information rows' rows + 1. Its inverse is S S' with
+    S = V / sqrt(1 + s^2).
     """
-    _, s, V_rows = np.linalg.svd(root @ L, full_matrices=True)
-    squares = np.zeros(len(V_rows))
-    squares[: len(s)] = s**2
-    return L @ V_rows.T / np.sqrt(1.0 + squares)
-
-
-def prior_root(base: BaseParameters, links: LinkParameters, prior: float) -> Array:
-    """Compute L (rank, w), where L L' is the covariance of the base parameters about the file's values.
-
-    Links and motors have deviations of `prior` times their sizes. What these leave exactly zero, such as
-    moments of point masses, may still be a small share of a typical size of this robot.
-    """
-    least_share = 1e-3
-    by_links = base.combinations.coefficients @ links.to_parameters  # (rank, u)
-    least = np.diag(least_share * base.described.sizes[base.combinations.leading])
-    return prior * np.hstack([by_links * links.prior_sizes, least])
+    k = rows.shape[1]
+    triangle = np.linalg.qr(
+        np.concatenate([rows, np.zeros((k, k))]), mode="r"
+    )  # (k, k) with the same s and V
+    _, s, V_rows = np.linalg.svd(triangle)
+    return V_rows.T / np.sqrt(1.0 + s**2)
 
 
 def estimate(
     rows: TorqueRows,
     design: Array,
     start: Array,
-    *,
     errors: Mapping[str, float] = MappingProxyType(SENSOR_ERRORS),
 ) -> Estimate:
-    """Estimate f parameters with beta = start + design @ parameters from the valid equations.
+    """Estimate k unknowns with beta = start + design @ unknowns from the valid equations.
+
+    The data say root @ unknowns = right with unit noise, for which least squares with the prior is solved.
 
     Args:
-        design: (r, f) derivatives of the base parameters beta.
-        start: (r,) base parameters where the parameters are zero.
+        design: (r, k) derivatives of the base parameters beta.
+        start: (r,) base parameters where the unknowns are zero.
         errors: standard deviations of the sensors' errors, by names of `SENSOR_ERRORS`; 0 for none.
 
     Raises:
-        InvalidInput: fewer equations than parameters.
+        InvalidInput: fewer equations than unknowns.
     """
     max_passes = 20  # each with the noise that the solution before leaves
-    converged = 0.1  # length of a step of all parameters, in standard deviations
+    converged = 0.1  # length of a step of all unknowns, in standard deviations
     same_noise = 0.02  # relative change of its size
     count = int(np.count_nonzero(rows.valid))
-    f = design.shape[1]
-    if count <= f:
+    k = design.shape[1]
+    if count <= k:
         raise InvalidInput(
-            f"{count} equations at instants whose motors move, for {f} parameters; record longer, or a "
+            f"{count} equations at instants whose motors move, for {k} parameters; record longer, or a "
             f"faster motion"
         )
     T, n_a = rows.torque.shape
     motion = _MotionErrors.of(rows)
-    augmented = np.column_stack([start, design])  # (r, 1 + f)
-    unknowns = np.eye(1 + f)[0]  # beta = augmented @ unknowns: 1, then the parameters
-    matrix = rows.matrix @ augmented  # (T, n_a, 1 + f)
-    response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, k, 1 + f)
+    augmented = np.column_stack([start, design])  # (r, 1 + k)
+    unknowns = np.eye(1 + k)[0]  # beta = augmented @ unknowns: 1, then those that are asked for
+    matrix = rows.matrix @ augmented  # (T, n_a, 1 + k)
+    response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, signals, 1 + k)
     predicted = rows.torque
-    corrections = draw = np.zeros(motion.angles.shape[1])  # (k m,) errors z, and the rest that is drawn
+    corrections = draw = np.zeros(
+        motion.angles.shape[1]
+    )  # errors z of the motion, and the rest that is drawn
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
     size = np.zeros(n_a)  # of the noise
     for _ in range(max_passes):
         # the equations at the corrected motion, with all errors
-        corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + f)
+        corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + k)
         spurious = motion.change(response, draw)[..., 1:]
         sensors, deviations = _sensor_columns(rows, predicted, errors)
         misfit = rows.torque - rows.constant - matrix @ unknowns
         columns = np.concatenate([spurious, sensors, corrected[..., 1:], misfit[..., None]], axis=2)
-        slopes = motion.torques(response @ unknowns)  # (T n_a, m k)
+        slopes = motion.torques(response @ unknowns)  # (T n_a, z)
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
-        step = _solve_equations(reduced.rows, f, deviations)
+        step = _solve_equations(reduced.rows, k, deviations)
 
         # the noise is what this solution leaves
         right = step.right + step.root @ unknowns[1:]
         unknowns = unknowns + np.append(0.0, step.parameters)
         predicted = rows.constant + matrix @ unknowns
-        corrections = reduced.corrections @ np.r_[np.zeros(f), -step.sensors, -step.parameters, 1.0]
+        corrections = reduced.corrections @ np.r_[np.zeros(k), -step.sensors, -step.parameters, 1.0]
         draw = reduced.draw
         residual = misfit - sensors @ step.sensors - corrected[..., 1:] @ step.parameters  # (T, n_a)
         noise = residual - (slopes @ (corrections + draw)).reshape(T, n_a)
@@ -170,9 +137,10 @@ def estimate(
         is_same = np.abs(size - size_before) <= same_noise * size_before
         if is_same.all() and np.linalg.norm(step.root @ step.parameters) < converged:
             break
+    spread = posterior_root(step.root)
     return Estimate(
-        root=step.root,
-        right=right,
+        values=spread @ (spread.T @ (step.root.T @ right)),
+        spread=spread,
         noise=np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1)),
         offset=step.sensors[len(step.sensors) - n_a :] if errors.get("offset") else np.zeros(n_a),
         order=max(map(len, noise_filters)) - 1,

@@ -2,9 +2,8 @@
 
 The pseudo-inertia of every link must be positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and
 Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be negative. The misfit to
-the data is a quadratic form, and so is a prior about the robot file, which decides what the data leave open.
-This is a semidefinite program. Links fixed to one another form one body; the prior divides its parameters
-among the links.
+data and prior is a quadratic form. This is a semidefinite program. Links fixed to one another form one body;
+the prior divides its parameters among the links.
 """
 
 from __future__ import annotations
@@ -17,9 +16,10 @@ import numpy as np
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.errors import NotConverged
 from framework.identification.base_parameters import LinkParameters, read_inertial_parameters, write_inertial
-from framework.identification.least_squares import posterior_root
+from framework.identification.least_squares import Estimate
+from framework.identification.unknowns import Unknowns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
 from framework.tolerances import RANK_ROUNDING
 
@@ -28,55 +28,43 @@ class PossibleParameters(NamedTuple):
     """Parameters (u,) of links and motors that can exist."""
 
     values: Array  # (u,)
-    covariance: Array  # (u, u) of data and prior, without the limits of what can exist
+    spread: Array  # (u, w) S, where S S' is their covariance, without the limits of what can exist
 
 
 def fit_possible_parameters(
-    robot: ParallelRobot,
-    links: LinkParameters,
-    free: IntArray,
-    root: Array,
-    right: Array,
-    prior: float,
+    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, found: Estimate
 ) -> PossibleParameters:
     """Compute the most probable parameters (u,) of possible links and motors.
 
-    With theta = file + change z of the free parameters, they minimise |root z - right|^2 + |z / deviation|^2,
-    where the deviation is prior * `links.prior_sizes`. Let z = best + change y, where `best` is the
-    unconstrained minimum and `change` turns the quadratic form into |y|^2, so that change change' is the
-    covariance. The shortest y with possible parameters is the solution.
-
-    Args:
-        free: (f,) indices of the parameters that may change.
-        root, right: equations root z = right with unit noise.
-        prior: ratio of the file's standard deviations to the sizes of the parameters, `links.prior_sizes`.
+    Without limits the parameters are best + spread y, with independent unit normals y: those of the estimate,
+    and those that change no torque. The shortest y with possible parameters is the solution.
 
     Raises:
         NotConverged: the solver does not converge.
     """
-    change = np.zeros((len(links.values), len(free)))
-    change[free] = posterior_root(root, prior * np.diag(links.prior_sizes[free]))
-    best = links.values + change @ (change[free].T @ (root.T @ right))
+    best = links.values + unknowns.shown @ found.values
+    spread = np.hstack([unknowns.shown @ found.spread, unknowns.hidden])  # (u, w)
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
-    changed = [part for part in links.link_slices if np.isin(range(part.start, part.stop), free).any()]
-    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in changed]
-    motors = free[free >= links.motor_slice.start]
-    sizes = prior * links.prior_sizes[motors]
-    y = least_norm_semidefinite(cones, Affine(change[motors] / sizes[:, None], best[motors] / sizes))
+    is_free = (spread != 0.0).any(axis=1)
+    changed = [part for part in links.link_slices if is_free[part].any()]
+    cones = [_inertia_cone(links.values[part], spread[part], best[part]) for part in changed]
+    motors = links.motor_slice.start + np.flatnonzero(is_free[links.motor_slice])
+    sizes = np.linalg.norm(unknowns.prior_root[motors], axis=1)
+    y = least_norm_semidefinite(cones, Affine(spread[motors] / sizes[:, None], best[motors] / sizes))
     if isinstance(y, Unsolved):
         raise NotConverged(
             f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
-            residual=float(np.linalg.norm(right)),
+            residual=float(np.linalg.norm(found.values)),
         )
 
-    values = best + change @ y
+    values = best + spread @ y
     values[motors] = np.maximum(values[motors], 0.0)  # against rounding
     for part in changed:
         link = Element("link")
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
-    return PossibleParameters(values, change @ change.T)
+    return PossibleParameters(values, spread)
 
 
 def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:

@@ -10,12 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled, finite_numbers
-from framework.kinematics.closures import (
-    LoopEquations,
-    find_flipped_closure,
-    loop_equations,
-    scaled_equations,
-)
+from framework.kinematics.closures import LoopEquations, find_flipped_closure, scaled_equations
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
@@ -77,8 +72,9 @@ def close_reference(mechanism: Mechanism) -> Closing:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.gap > CLOSED_LOOP:
         rows = mechanism.rows
-        row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
-        residual = abs(float(residual_at(mechanism, closing.q)[row]))
+        gaps = np.abs(loops_at(mechanism, closing.q).residual)
+        row = np.argmax(gaps)
+        residual = float(gaps[row] * mechanism.row_lengths[row])
         unit = "rad" if rows.rotation[row] else "m"
         raise _not_assembled_error(
             mechanism,
@@ -102,71 +98,47 @@ def close_reference(mechanism: Mechanism) -> Closing:
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     """Close all loops from `start` (nq,) by Newton steps of least norm in the columns `free` (k,).
 
-    A line search halves each step until the norm of the loop equations decreases. If the loops do not close,
-    the result is the best iterate.
+    A step longer than `MAX_NEWTON_STEP` is shortened to it. A line search halves each step until the norm of
+    the loop equations decreases. If the loops do not close, the result is the best iterate.
     """
     rounding_gap = 1e-15  # [rad, robot lengths] residual that no Newton step improves
     max_halvings = 14  # of a Newton step by the line search
-    q = start
-    norm = float(np.linalg.norm(scaled_residual(mechanism, start)))  # [robot lengths, rad]
+    q, loops = start, loops_at(mechanism, start)
     iterations = 0
-    while iterations < MAX_ITERATIONS and norm > rounding_gap:
+    while iterations < MAX_ITERATIONS and np.linalg.norm(loops.residual) > rounding_gap:
         iterations += 1
-        step = _least_norm_step(mechanism, q, free)
+        # of all steps that close the linearised loops the one of least norm [rad, robot lengths], (k,)
+        step = np.linalg.lstsq(loops.jacobian[:, free], -loops.residual, rcond=RANK_ROUNDING)[0].astype(float)
+        step *= min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
+        step *= mechanism.column_scale[free]  # robot lengths become metres
 
         for halvings in range(max_halvings + 1):
             trial = integrate_columns(mechanism, q, free, 0.5**halvings * step)
-            trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
-            if trial_norm <= norm:
+            trial_loops = loops_at(mechanism, trial)
+            decrease = np.linalg.norm(loops.residual) - np.linalg.norm(trial_loops.residual)
+            if decrease >= 0.0:
                 break
-        if trial_norm >= norm:  # no part of the step improves the iterate
+        if decrease <= 0.0:  # no part of the step improves the iterate
             break
-        q, norm = trial, trial_norm
-    residual = np.abs(residual_at(mechanism, q))
-    return Closing(q, float(residual.max()), largest_gap(mechanism, q), iterations)
+        q, loops = trial, trial_loops
+    gaps = np.abs(loops.residual)
+    return Closing(q, float((gaps * mechanism.row_lengths).max()), float(gaps.max()), iterations)
 
 
-def residual_at(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the residuals (rows,) of all loop equations at q (nq,) [m or rad]."""
-    return loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]
-
-
-def scaled_residual(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the residuals (rows,) of all loop equations at q (nq,) [robot lengths or rad]."""
-    return _equations_at(mechanism, q).residual[0]
-
-
-def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the dimensionless Jacobian (rows, nv) of all loop equations at q (nq,)."""
-    return _equations_at(mechanism, q).jacobian[0]
+def loops_at(mechanism: Mechanism, q: Array) -> LoopEquations:
+    """Compute residuals (rows,) and Jacobian (rows, nv) of all loops at q (nq,) [rad, robot lengths]."""
+    residual, jacobian = scaled_equations(mechanism, mechanism.rows, frames_at(mechanism, q[None]))
+    return LoopEquations(residual[0], jacobian[0])
 
 
 def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
     """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), without springs."""
-    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
-
-
-def _equations_at(mechanism: Mechanism, q: Array) -> LoopEquations:
-    """Compute all loop equations at q (nq,) in radians and lengths of the mechanism, T = 1."""
-    return scaled_equations(mechanism, mechanism.rows, frames_at(mechanism, q[None]))
+    return loops_at(mechanism, q).jacobian[:, mechanism.joints]
 
 
 def largest_gap(mechanism: Mechanism, q: Array) -> float:
     """Compute the largest residual of a loop equation at q (nq,) [robot lengths or rad]."""
-    return float(np.abs(scaled_residual(mechanism, q)).max())
-
-
-def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
-    """Compute Newton's step (k,) of the columns `free` (k,) from q (nq,) towards closed loops [rad, m].
-
-    Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. A
-    step longer than `MAX_NEWTON_STEP` is shortened to it.
-    """
-    equations = _equations_at(mechanism, q)  # dimensionless
-    jacobian = equations.jacobian[0][:, free]  # (rows, k)
-    step = -np.linalg.lstsq(jacobian, equations.residual[0], rcond=RANK_ROUNDING)[0]  # [rad, robot lengths]
-    shortening = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
-    return step * shortening * mechanism.column_scale[free]  # robot lengths become metres
+    return float(np.abs(loops_at(mechanism, q).residual).max())
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
@@ -188,19 +160,19 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
     """Return the error for a `reason`, with the pose of `closing` and a remark on angles in degrees."""
-    turns = remark_on_turns(mechanism, mechanism.description.reference)
-    return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
+    error = NotAssembled(reason, name=mechanism.name, q=closing.q, residual=closing.residual)
+    return error.adding(remark_on_turns(mechanism, mechanism.description.reference))
 
 
 def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
-    """Return a remark on hinges whose `positions` by name exceed a full turn; empty without any."""
+    """Return a clause on hinges whose `positions` by name exceed a full turn; empty without any."""
     turns = []
     columns = velocity_columns(mechanism.model, positions)
     for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
         count = abs(angle) / (2.0 * np.pi)
         if count > 1.0 and not sliding:
             turns.append(f"{joint} at {angle:g} rad is {count:.3g} turns")
-    return f"; angles are in rad: {', '.join(turns)}" if turns else ""
+    return f"angles are in rad: {', '.join(turns)}" if turns else ""
 
 
 def move_closed(mechanism: Mechanism, q: Array, motion: Array) -> Array | None:

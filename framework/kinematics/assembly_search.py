@@ -165,14 +165,15 @@ class _Group:
         if self.platform is None or self.target is None:
             return np.empty(0)
         offset = self.platform.residual(self._frames(u), self.target[None])[0]
-        return np.where(self.platform.translations, offset / self.mechanism.length, offset)
+        return offset / self.mechanism.unit_lengths(~self.platform.translations)
 
     def miss_slope(self, u: Array) -> Array:
         """Compute the derivative (n, k) of `miss` along u."""
         if self.platform is None:
             return np.empty((0, len(u)))
         jacobian = self.platform.jacobian(self._frames(u))[0]
-        return scale_jacobian(self.mechanism, jacobian, ~self.platform.translations)[:, self.columns]
+        lengths = self.mechanism.unit_lengths(~self.platform.translations)
+        return scale_jacobian(self.mechanism, jacobian, lengths)[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start (k,) that close the loops best.
@@ -358,8 +359,9 @@ def _find_with_fewer_limits(
         return pose
     listed = " or ".join(alone) or " and ".join(f"{joint} {words}" for joint, words in beyond.items())
     raise NotAssembled(
-        f"{mechanism.name}: the loops close only beyond the joints' limits, with {listed}: the limits "
+        f"the loops close only beyond the joints' limits, with {listed}: the limits "
         f"contradict the loops; change them, or the zero of the joint",
+        name=mechanism.name,
         q=pose.q,
         residual=failure.residual,
     )
@@ -376,9 +378,10 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     if gap[row] < LOOP_GAP:  # the equations are closed, so a closure must be flipped
         best = f"{find_flipped_closure(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
-        f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
+        f"the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
         f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "
         f"reference near to an assembled configuration",
+        name=mechanism.name,
         q=q,
         residual=residual,
     )

@@ -38,7 +38,7 @@ from framework.kinematics.frames import (
 )
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import cross, dot, matmul
 
 
@@ -158,24 +158,17 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
 def scaled_equations(mechanism: Mechanism, rows: LoopRows, frames: FrameStack) -> LoopEquations:
     """Compute `loop_equations` made dimensionless: in radians and lengths of the mechanism."""
     residual, jacobian = loop_equations(rows, frames)
-    return LoopEquations(
-        residual=row_weights(mechanism, rows.rotation) * residual,
-        jacobian=scale_jacobian(mechanism, jacobian, rows.rotation),
-    )
+    lengths = mechanism.unit_lengths(rows.rotation)
+    return LoopEquations(residual * (1.0 / lengths), scale_jacobian(mechanism, jacobian, lengths))
 
 
-def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> Array:
+def scale_jacobian(mechanism: Mechanism, matrix: Array, lengths: Array) -> Array:
     """Return a Jacobian `matrix` (..., m, nv) made dimensionless: metres become lengths of the mechanism.
 
-    `turning` (m,) marks the rows that are angles. Rank and conditioning are judged on the result, so they do
-    not depend on the unit of length.
+    `lengths` (m,) are the `unit_lengths` of the rows. Rank and conditioning are judged on the result, so they
+    do not depend on the unit of length.
     """
-    return matrix * row_weights(mechanism, turning)[:, None] * mechanism.column_scale
-
-
-def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
-    """Return factors (m,) that make equations dimensionless: 1 if `turning` (m,), else 1 / length."""
-    return np.where(turning, 1.0, 1.0 / mechanism.length)
+    return matrix * (1.0 / lengths)[:, None] * mechanism.column_scale
 
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:

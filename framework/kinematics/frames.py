@@ -75,14 +75,19 @@ def scratch_of(mechanism: Mechanism) -> Scratch:
     """Return the working memory of this thread, which every call of pinocchio overwrites.
 
     Allocating a `pin.Data` takes longer than a hundred calls with it (7.7 ms for 81 joints). The memory
-    belongs to the model, so a mechanism and the robot made of it share the same memory.
+    belongs to the model, so a mechanism and the robot made of it share the same memory. A model to which a
+    caller has added frames or joints gets new memory: pinocchio writes beyond the old one.
     """
-    return _thread_scratch(mechanism.model, mechanism.frames, threading.get_ident())
+    model = mechanism.model
+    sizes = model.nframes, model.njoints
+    return _thread_scratch(model, mechanism.frames, sizes, threading.get_ident())
 
 
 @lru_cache(maxsize=16)  # of several megabytes each
-def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
-    """Allocate working memory; the `thread` makes the cache return one to each thread."""
+def _thread_scratch(
+    model: pin.Model, frames: tuple[int, ...], sizes: tuple[int, int], thread: int
+) -> Scratch:
+    """Allocate working memory, one for each `thread`, and anew if the `sizes` of the model change."""
     return Scratch.of(model, frames)
 
 
@@ -133,6 +138,13 @@ class FrameStack(NamedTuple):
     screws: Array  # (T, nv, 6) twists, at the base's origin, that unit rates give to the carried bodies
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
     q: Array  # (T, nq)
+
+    @staticmethod
+    def of(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
+        """Return the frames of a stack of `placements` (T, frames of the model, 12) and `screws`."""
+        robot_frames = placements.take(scratch.frames, axis=1)  # (T, F, 12)
+        axes_and_origins = robot_frames.reshape(*robot_frames.shape[:2], 4, 3)
+        return FrameStack(axes_and_origins, screws, scratch.carried, q)
 
     @property
     def position(self) -> Array:
@@ -204,9 +216,7 @@ def frames_at(mechanism: Mechanism, q: Array, models: Iterable[pin.Model] | None
         pin.computeJointJacobians(model, scratch.data, position)
         pin.updateFramePlacements(model, scratch.data)
         placements[k], screws[k] = scratch.placements, scratch.screws
-    robot_frames = placements.take(scratch.frames, axis=1)  # (T, F, 12)
-    placements = robot_frames.reshape(*robot_frames.shape[:2], 4, 3)
-    return FrameStack(placements, screws, scratch.carried, q)
+    return FrameStack.of(scratch, placements, screws, q)
 
 
 def rotation_matrices(placements: Array) -> Array:
@@ -253,19 +263,13 @@ def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) ->
     return FrameMotions.of(frames.placements, *twists.take(scratch_of(mechanism).bodies, axis=2))
 
 
-def body_twists(
-    mechanism: Mechanism, q: Array, v: Array, a: Array, models: Iterable[pin.Model] | None = None
-) -> Array:
-    """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv).
-
-    Each row may have a model of its own, as in `frames_at`.
-    """
-    models = repeat(mechanism.model) if models is None else models
+def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
+    """Compute twists and twist rates (2, T, bodies, 6) of bodies at q (T, nq) and v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     # of pinocchio's functions this one leaves the twists of bodies at the base's origin in its memory
-    for k, (model, *state) in enumerate(zip(models, q, v, a, strict=False)):
-        pin.computeForwardKinematicsDerivatives(model, scratch.data, *state)
+    for k, state in enumerate(zip(q, v, a, strict=True)):
+        pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, *state)
         twists[0, k], twists[1, k] = scratch.velocities, scratch.accelerations
     return twists
 

@@ -97,8 +97,9 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     worst = np.argmax(np.where(closed, 0.0, gaps))  # the first NaN if there is one
     residual = float(gaps[worst])
     raise NotAssembled(
-        f"{robot.name}: the loops do not close at {robot.place(x[worst])}: "
+        f"the loops do not close at {robot.place(x[worst])}: "
         f"{residual:.3g} m or rad left after {MAX_ITERATIONS} iterations",
+        name=robot.name,
         q=q[worst],
         residual=residual,
     )

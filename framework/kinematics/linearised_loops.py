@@ -239,7 +239,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the Jacobian (T, m, nv) of the independent loop equations [rad, robot lengths]."""
-    return scale_jacobian(robot, linearised.closures, robot.loop_rotation)
+    return scale_jacobian(robot, linearised.closures, robot.loop_lengths)
 
 
 def require_closed_rates(
@@ -261,11 +261,6 @@ def require_closed_rates(
 def moving_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Return the columns (T, m, moving) of `scaled_loops` along actuated and passive joints."""
     return scaled_loops(robot, linearised)[:, :, robot.moving]
-
-
-def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the Jacobian (T, n, nv) of the platform's velocity v [rad, robot lengths]."""
-    return scale_jacobian(robot, linearised.platform, ~robot.translations)
 
 
 def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -318,7 +313,8 @@ def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     passive joints, as in `robot.moving`. The matrix is singular at Type 1 singularities and where the loop
     equations lose rank.
     """
-    rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
+    platform = scale_jacobian(robot, linearised.platform, robot.platform_scale)  # (T, n, nv)
+    rows = [platform, independent_loops_matrix(robot, linearised)]
     return np.concatenate(rows, axis=1)[:, :, robot.moving]
 
 

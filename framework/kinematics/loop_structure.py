@@ -24,10 +24,10 @@ import numpy as np
 from framework.errors import NotAssembled, SingularReference
 from framework.kinematics.assembly import (
     Closing,
-    all_loops_matrix,
     close_reference,
     joint_loops_matrix,
     largest_gap,
+    loops_at,
     nearby_configurations,
 )
 from framework.kinematics.assembly_search import find_closed_pose
@@ -188,8 +188,8 @@ def jacobians_apart(mechanism: Mechanism, reference: Array, *, distance: float =
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
     """Compute the dimensionless Jacobian (n + rows, nv) of platform and all loop equations at q (nq,)."""
     jacobian = platform.jacobian(frames_at(mechanism, q[None]))
-    rows = scale_jacobian(mechanism, jacobian, ~platform.translations)[0]
-    return np.concatenate([rows, all_loops_matrix(mechanism, q)])
+    rows = scale_jacobian(mechanism, jacobian, mechanism.unit_lengths(~platform.translations))[0]
+    return np.concatenate([rows, loops_at(mechanism, q).jacobian])
 
 
 def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:

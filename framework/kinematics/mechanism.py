@@ -26,13 +26,13 @@ from framework.kinematics.tree_model import (
     joint_limits,
     tree_model,
 )
-from framework.model.description import AXES, Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
+from framework.model.description import AXES, Coupling, JointDynamics, RobotDescription, Spring
 from framework.model.documents import parse_xml, prefix_errors
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.pinocchio_model import parse_pinocchio
 from framework.model.readers.recognise import parse_any
-from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
+from framework.model.urdf_edits import insert_springs
+from framework.model.urdf_elements import ParsedRobot, read_tree
 from framework.model.visuals import read_visuals, visual_model
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
@@ -140,8 +140,8 @@ class Mechanism(ReadOnlyArrays):
             NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
         """
         with prefix_errors(f"{description.file}: urdf"):
-            urdf = parse_xml(description.urdf_text)
-        return cls.of(_build_mechanism(ParsedRobot(description, urdf), flexibility))
+            tree = read_tree(parse_xml(description.urdf_text))
+        return cls.of(_build_mechanism(ParsedRobot(description, tree), flexibility))
 
     @classmethod
     def from_pinocchio(
@@ -196,7 +196,35 @@ class Mechanism(ReadOnlyArrays):
         Raises:
             InvalidInput: a loop of another kind, or a coupling between joints, which pinocchio does not have.
         """
-        return _constraint_models(self)
+        model, description = self.model, self.description
+        if description.couplings:
+            raise InvalidInput(
+                f"{self.name}: {description.couplings[0].name} couples joints, and pinocchio's constraints "
+                f"hold points and poses"
+            )
+        constraints = []
+        for closure in description.closures:
+            ends = [model.frames[frame_index(model, frame)] for frame in closure.frames]
+            locked = set(closure.axes)
+            free = [k for k, turn in enumerate(AXES[3:]) if turn not in locked]  # turns
+            if not locked >= set(AXES[:3]) or len(free) == 2:
+                raise InvalidInput(
+                    f"{self.name}: loop {closure.name} locks {', '.join(closure.axes)}; pinocchio's "
+                    f"constraints hold points and poses (kinds spherical, fixed, revolute)"
+                )
+            kind = pin.ContactType.CONTACT_3D if free else pin.ContactType.CONTACT_6D
+            offsets = [np.zeros(3)]  # of the points that coincide; a hinge is two points of its axis
+            if len(free) == 1:
+                offsets.append(self.length * np.eye(3)[free[0]])
+            for offset in offsets:
+                shift = pin.SE3(np.eye(3), offset)
+                (first, pose), (second, other) = ((end.parentJoint, end.placement * shift) for end in ends)
+                constraint = pin.RigidConstraintModel(
+                    kind, model, first, pose, second, other, pin.ReferenceFrame.LOCAL
+                )
+                constraint.name = closure.name
+                constraints.append(constraint)
+        return constraints
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
@@ -287,10 +315,19 @@ class Mechanism(ReadOnlyArrays):
             sliding[joint.idx_v] = is_slide(joint)
         return read_only(sliding)
 
+    def unit_lengths(self, turning: BoolArray) -> Array:
+        """Return the unit of k numbers: 1 rad if `turning` (k,), else the length [m] of the mechanism."""
+        return np.where(turning, 1.0, self.length)
+
     @cached_property
     def column_scale(self) -> Array:
         """Characteristic size of each column, (nv,): length of the mechanism for slides, 1 for turns."""
-        return read_only(np.where(self.sliding, self.length, 1.0))
+        return read_only(self.unit_lengths(~self.sliding))
+
+    @cached_property
+    def row_lengths(self) -> Array:
+        """Characteristic size of each loop equation, (rows,): mechanism length [m], 1 for rotations."""
+        return read_only(self.unit_lengths(self.rows.rotation))
 
     @property
     def joint_ranges(self) -> Array:
@@ -389,7 +426,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),  # none yet
         directions=locked_directions(description.closures, frame_names),
-        limits=joint_limits(parsed.urdf, model),
+        limits=joint_limits(parsed.tree, model),
         q_near=q_near,
         length=reference_length(model, q_near, frames),
     )
@@ -398,21 +435,17 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     """Build pinocchio's model of the tree of a parsed file, with a joint for each of the `springs`."""
     file = parsed.description.file
-    urdf = copy_without_shapes(parsed.urdf)  # changed in place below
-    make_continuous_joints_revolute(urdf)
-    insert_springs(urdf, springs)
+    # balls keep the axes of the file if parameters differ between axes, or if springs rest off zero
+    as_declared = []
+    for joint in parsed.tree.joints.values():
+        turns = joint.coordinates[-3:]  # without the slides of a floating joint
+        parameters = {parsed.description.joints.get(turn, JointDynamics()) for turn in turns}
+        if len(parameters) > 1 or any(axis.rest for axis in parameters):
+            as_declared.append(joint.name)
+    tree = parsed.tree.copy()
+    insert_springs(tree, springs)
     try:
-        # balls keep the axes of the file if parameters differ between axes, or if springs rest off zero
-        as_declared = []
-        for joint in parsed.urdf.findall("joint"):
-            name, kind = joint.get("name", ""), joint.get("type", "")
-            if kind not in COORDINATE_SUFFIXES:
-                continue
-            turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
-            parameters = {parsed.description.joints.get(turn, JointDynamics()) for turn in turns}
-            if len(parameters) > 1 or any(axis.rest for axis in parameters):
-                as_declared.append(name)
-        model = tree_model(urdf, as_declared, parsed.joint_order)
+        model = tree_model(tree, as_declared, parsed.joint_order)
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
     if model.nv > MAX_JOINTS:
@@ -450,39 +483,6 @@ def frame_index(model: pin.Model, name: str) -> int:
     kinds = (pin.FrameType.BODY, pin.FrameType.JOINT)
     kind = next((kind for kind in kinds if model.existFrame(name, kind)), None)
     return int(model.getFrameId(name) if kind is None else model.getFrameId(name, kind))
-
-
-def _constraint_models(mechanism: Mechanism) -> list[pin.RigidConstraintModel]:
-    """Return the loops as pinocchio's constraints, see `Mechanism.constraint_models`."""
-    model, description = mechanism.model, mechanism.description
-    if description.couplings:
-        raise InvalidInput(
-            f"{mechanism.name}: {description.couplings[0].name} couples joints, and pinocchio's constraints "
-            f"hold points and poses"
-        )
-    constraints = []
-    for closure in description.closures:
-        ends = [model.frames[frame_index(model, frame)] for frame in closure.frames]
-        locked = set(closure.axes)
-        free = [k for k, turn in enumerate(AXES[3:]) if turn not in locked]  # turns
-        if not locked >= set(AXES[:3]) or len(free) == 2:
-            raise InvalidInput(
-                f"{mechanism.name}: loop {closure.name} locks {', '.join(closure.axes)}; pinocchio's "
-                f"constraints hold points and poses (kinds spherical, fixed, revolute)"
-            )
-        kind = pin.ContactType.CONTACT_3D if free else pin.ContactType.CONTACT_6D
-        offsets = [np.zeros(3)]  # of the points that coincide; a hinge is two points of its axis
-        if len(free) == 1:
-            offsets.append(mechanism.length * np.eye(3)[free[0]])
-        for offset in offsets:
-            shift = pin.SE3(np.eye(3), offset)
-            (first, pose), (second, other) = ((end.parentJoint, end.placement * shift) for end in ends)
-            constraint = pin.RigidConstraintModel(
-                kind, model, first, pose, second, other, pin.ReferenceFrame.LOCAL
-            )
-            constraint.name = closure.name
-            constraints.append(constraint)
-    return constraints
 
 
 def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:

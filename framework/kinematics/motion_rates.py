@@ -134,8 +134,9 @@ def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array
         return linearised.factors.solve(right)
     except np.linalg.LinAlgError:
         raise NotAssembled(
-            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
+            f"the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
             f"is stretched or folded, or the platform frame does not move along these axes",
+            name=robot.name,
             q=robot.q_near,
             residual=float(np.abs(linearised.residual).max()),
         ) from None

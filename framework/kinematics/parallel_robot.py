@@ -151,11 +151,6 @@ class ParallelRobot(Mechanism):
         return self.equations.spanning
 
     @property
-    def loop_rotation(self) -> BoolArray:
-        """Whether each independent equation has no unit of length (m,), such as combinations of rows."""
-        return self.loops.rotation | self.structure.varies
-
-    @property
     def moving(self) -> IntArray:
         """Columns (k,) of the joints that x and q_e determine: actuated, then passive without idle ones."""
         return self.equations.columns
@@ -178,7 +173,7 @@ class ParallelRobot(Mechanism):
     @cached_property
     def platform_scale(self) -> Array:
         """Length of the robot for translations of the platform, 1 for its turns, (n,)."""
-        return read_only(np.where(self.translations, self.length, 1.0))
+        return read_only(self.unit_lengths(~self.translations))
 
     @cached_property
     def actuator_names(self) -> Names:
@@ -214,15 +209,10 @@ class ParallelRobot(Mechanism):
         """Names of the platform coordinates, e.g. ("x", "y"), or names of joints."""
         return self.description.platform.names
 
-    @cached_property
-    def row_lengths(self) -> Array:
-        """Characteristic size of all loop equations, (rows,): length of the robot [m], 1 for rotations."""
-        return read_only(np.where(self.rows.rotation, 1.0, self.length))
-
     @property
     def loop_lengths(self) -> Array:
-        """Size of the independent loop equations, (m,): length of the robot [m], 1 for rotations."""
-        return np.where(self.loop_rotation, 1.0, self.length)
+        """Unit of each independent loop equation, (m,): robot length [m]; 1 of rotations and combinations."""
+        return self.unit_lengths(self.loops.rotation | self.structure.varies)
 
     @cached_property
     def passive_scale(self) -> Array:
@@ -332,7 +322,7 @@ class Equations(ReadOnlyArrays):
             moving_part=SquarePart.of(pattern, equations, columns),
             passive_part=SquarePart.of(pattern, equations[n:], columns[n_a:]),
             spanning=rows,
-            span_scale=np.where(rows.rotation, 1.0, mechanism.length) * structure.span_sizes,
+            span_scale=mechanism.unit_lengths(rows.rotation) * structure.span_sizes,
         )
 
     def jacobian(self, wrenches: Array, frames: FrameStack) -> Array:

@@ -15,18 +15,17 @@ column is an index into pinocchio's velocity vector (nv,).
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple, SupportsIndex
+from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
 import pinocchio as pin
 
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, ENDLESS
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, ENDLESS, MOVING, Joint, Tree, read_inertial
 from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
@@ -34,92 +33,109 @@ from framework.tolerances import SAME_PLACE
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
 
 
-def tree_model(
-    urdf: ElementTree.Element, as_declared: Collection[str], order: Sequence[str] = ()
-) -> pin.Model:
-    """Build pinocchio's model of a URDF without shapes; modify `urdf`.
+def tree_model(tree: Tree, as_declared: Collection[str] = (), order: Sequence[str] = ()) -> pin.Model:
+    """Build pinocchio's model of a tree.
 
-    In `urdf` joints of several freedoms become floating joints, the only such kind that the parser knows. The
-    third axis of a ball is turned towards the centre of mass of its child, except on the balls `as_declared`.
-    Joints are in the `order` of their names; by default in that of the parser.
-
-    Raises:
-        ValueError, RuntimeError: from pinocchio's parser.
-    """
-    several = {}  # kind by name of each joint with several freedoms
-    for joint in urdf.findall("joint"):
-        kind = joint.get("type", "")
-        if kind in COORDINATE_SUFFIXES:
-            several[joint.get("name", "")] = kind
-            joint.set("type", "floating")  # the only kind with several freedoms that the parser knows
-    model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
-    return _rebuild(model, several, as_declared, order) if several or order else model
-
-
-def _rebuild(
-    parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str], order: Sequence[str]
-) -> pin.Model:
-    """Return the model with joints in order, and balls in place of floating joints.
-
-    The parser made the floating ones.
-
-    A joint declared as floating gets three slides before its ball.
+    A continuous joint becomes a hinge that counts its turns: pinocchio's own has the cosine and sine of the
+    angle, and a motor behind a gear needs the angle itself. A floating joint becomes three slides and a ball.
+    The third axis of a ball is turned towards the centre of mass of its child, except on those `as_declared`.
 
     Args:
-        parsed: the model with floating joints.
-        several: declared kinds of these joints by name.
-        as_declared: names of the balls whose axes are not turned towards the centre of mass.
-        order: names of joints; those between them, of springs, follow the joint that carries them.
+        tree: of the URDF, with springs.
+        as_declared: names of the balls whose axes are not turned.
+        order: names of joints; those between them, of springs, follow the joint that carries them. By default
+            the order is that of pinocchio's parser: depth first, the joints of a link by name.
+
+    Raises:
+        ValueError, RuntimeError: pinocchio refuses a name.
     """
-    rank = {0: (-1, 0)}  # of each parsed joint: index in `order`, and joints since then
-    for j in range(1, parsed.njoints):
-        carrier = rank[parsed.parents[j]]
-        rank[j] = (
-            (order.index(parsed.names[j]), 0) if parsed.names[j] in order else (carrier[0], carrier[1] + 1)
-        )
     model = pin.Model()
-    model.name = parsed.name
-    new_index = {0: 0}  # of each parsed joint in the new model
-    axes = {0: pin.SE3.Identity()}  # pose of each parsed joint's axes on those of the new joint
-    for j in sorted(range(1, parsed.njoints), key=rank.__getitem__) if order else range(1, parsed.njoints):
-        name, parsed_parent = parsed.names[j], parsed.parents[j]
-        parent = new_index[parsed_parent]
-        placement = axes[parsed_parent] * parsed.jointPlacements[j]
-        joint = parsed.joints[j]
-        axes[j] = pin.SE3.Identity()
-
-        if name in several:
-            joint = pin.JointModelSpherical()
-            if several[name] == "floating":
+    model.name = tree.name
+    # of each link: the joint that carries it, its pose on the axes of this joint, and its frame
+    base = model.addBodyFrame(tree.base, 0, pin.SE3.Identity(), 0)
+    carriers = {tree.base: (0, pin.SE3.Identity(), base)}
+    model.appendBodyToJoint(0, _inertia(tree, tree.base), pin.SE3.Identity())
+    for joint in _in_order(tree, order):
+        parent, parent_pose, frame = carriers[joint.parent]
+        pose = parent_pose * pin.SE3(joint.origin)
+        axes = pin.SE3.Identity()  # pose of the link's axes on those of the joint
+        body = _inertia(tree, joint.child)
+        if not joint.moves:
+            # the frame adds its inertia to that of the joint
+            fixed = pin.Frame(joint.name, parent, frame, pose, pin.FrameType.FIXED_JOINT, body)
+            j, axes, frame = parent, pose, model.addFrame(fixed)
+        else:
+            if joint.kind == "floating":
                 for suffix, slide in _SLIDES:  # one carries the other, the last one the ball
-                    parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
-                    placement = pin.SE3.Identity()
-            if name not in as_declared:  # turn the third axis of the ball towards the centre of mass
-                to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
-                placement = placement * to_centre
-                axes[j] = to_centre.inverse()
-
-        new_index[j] = model.addJoint(parent, joint, placement, name)
-        model.appendBodyToJoint(new_index[j], parsed.inertias[j], axes[j])
-    for frame in parsed.frames[1:]:  # all except the universe
-        j = frame.parentJoint
-        pose = axes[j] * frame.placement
-        # False: the frame adds no inertia, which the joints have already
-        model.addFrame(pin.Frame(frame.name, new_index[j], frame.parentFrame, pose, frame.type), False)
+                    parent = model.addJoint(parent, slide(), pose, f"{joint.name}{suffix}")
+                    pose = pin.SE3.Identity()
+            if joint.kind in COORDINATE_SUFFIXES and joint.name not in as_declared:
+                to_centre = rotation_with_axis("z", _centre_direction(tree, joint.child))
+                pose = pose * pin.SE3(to_centre, np.zeros(3))
+                axes = pin.SE3(to_centre.T, np.zeros(3))
+            j = model.addJoint(parent, _joint_model(joint), pose, joint.name)
+            if joint.kind in MOVING:
+                k = model.joints[j].idx_q
+                limits = joint.limits if joint.kind != "continuous" else None
+                model.lowerPositionLimit[k], model.upperPositionLimit[k] = limits or (-ENDLESS, ENDLESS)
+                k = model.joints[j].idx_v
+                model.effortLimit[k], model.velocityLimit[k] = joint.effort, joint.speed
+            frame = model.addFrame(pin.Frame(joint.name, j, frame, axes, pin.FrameType.JOINT))
+            model.appendBodyToJoint(j, body, axes)
+        carriers[joint.child] = j, axes, model.addBodyFrame(joint.child, j, axes, frame)
     return model
 
 
-def _centre_direction(model: pin.Model, j: int) -> Array:
-    """Return a vector (3,) from joint j to the centre of mass of its child link.
+def _in_order(tree: Tree, order: Sequence[str]) -> list[Joint]:
+    """Return the joints of a tree in the order of `tree_model`, each behind those that carry it."""
+    children: dict[str, list[Joint]] = {}
+    for joint in sorted(tree.joints.values(), key=lambda joint: joint.name, reverse=True):
+        children.setdefault(joint.parent, []).append(joint)
+    ordered = list[Joint]()
+    rank = {tree.base: -1}  # index in `order` of the last such joint on the way to each link
+    remaining = children.get(tree.base, []).copy()
+    while remaining:
+        joint = remaining.pop()
+        ordered.append(joint)
+        rank[joint.child] = order.index(joint.name) if joint.name in order else rank[joint.parent]
+        remaining += children.get(joint.child, ())
+    return sorted(ordered, key=lambda joint: rank[joint.child])  # a stable sort
 
-    If the two coincide, the vector leads to the farthest frame of the link. If all frames coincide with the
-    joint, too, it is the z axis.
+
+def _joint_model(joint: Joint) -> Any:
+    """Return pinocchio's joint of a joint that moves."""
+    if joint.kind in COORDINATE_SUFFIXES:
+        return pin.JointModelSpherical()
+    axis = joint.axis / np.linalg.norm(joint.axis)
+    short, long = ("P", "Prismatic") if joint.kind == "prismatic" else ("R", "Revolute")
+    for letter, unit in zip("XYZ", np.eye(3), strict=True):  # along a coordinate axis it is faster
+        if np.array_equal(axis, unit):
+            return getattr(pin, f"JointModel{short}{letter}")()
+    return getattr(pin, f"JointModel{long}Unaligned")(axis)
+
+
+def _inertia(tree: Tree, link: str) -> pin.Inertia:
+    """Return a link's inertia on its own axes."""
+    mass, origin, matrix = read_inertial(tree.links[link])
+    axes = origin[:3, :3]
+    return pin.Inertia(mass, origin[:3, 3], axes @ matrix @ axes.T)
+
+
+def _centre_direction(tree: Tree, link: str) -> Array:
+    """Return a vector (3,) from the origin of a link to the centre of mass of its rigid body.
+
+    If the two coincide, the vector leads to the farthest link of the body. If all coincide, it is the z axis.
     """
-    frames = [frame.placement.translation for frame in model.frames if frame.parentJoint == j]
-    farthest = max(frames, key=np.linalg.norm)
-    lever = model.inertias[j].lever
-    if model.inertias[j].mass > 0 and np.linalg.norm(lever) > SAME_PLACE * np.linalg.norm(farthest):
-        return lever
+    poses = {link: pin.SE3.Identity()}  # of the links of the body
+    body = pin.Inertia.Zero()
+    for joint in _in_order(tree, ()):
+        if joint.parent in poses and not joint.moves:
+            poses[joint.child] = poses[joint.parent] * pin.SE3(joint.origin)
+    for name, pose in poses.items():
+        body += pose.act(_inertia(tree, name))
+    farthest = max((pose.translation for pose in poses.values()), key=np.linalg.norm)
+    if body.mass > 0 and np.linalg.norm(body.lever) > SAME_PLACE * np.linalg.norm(farthest):
+        return body.lever
     return farthest if farthest.any() else np.array([0.0, 0.0, 1.0])
 
 
@@ -226,23 +242,18 @@ class JointLimit(NamedTuple):
     unit: str  # rad or m
 
 
-def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
+def joint_limits(tree: Tree, model: pin.Model) -> tuple[JointLimit, ...]:
     """Return the limits of all limited joints, in the order of the URDF.
 
     Equal limits are none, nor are two of the size `ENDLESS`.
     """
     limits = []
-    for joint in urdf.findall("joint"):
-        limit, kind = joint.find("limit"), joint.get("type")
-        if limit is None or kind not in ("revolute", "prismatic"):
-            continue
-        lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
-        if lower == upper or (lower <= -ENDLESS and upper >= ENDLESS):
-            continue
-        name = joint.get("name", "")
-        unit = "m" if kind == "prismatic" else "rad"
-        model_joint = model.joints[model.getJointId(name)]
-        limits.append(JointLimit(name, model_joint.idx_q, model_joint.idx_v, lower, upper, unit))
+    for joint in tree.joints.values():
+        lower, upper = joint.limits or (0.0, 0.0)
+        if joint.moves and lower != upper and (lower > -ENDLESS or upper < ENDLESS):
+            unit = "m" if joint.kind == "prismatic" else "rad"
+            model_joint = model.joints[model.getJointId(joint.name)]
+            limits.append(JointLimit(joint.name, model_joint.idx_q, model_joint.idx_v, lower, upper, unit))
     return tuple(limits)
 
 

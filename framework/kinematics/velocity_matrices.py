@@ -111,7 +111,7 @@ def _eliminate_passive_rates(robot: ParallelRobot, L: Array, M: Array) -> Veloci
 
 def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
     """Convert a `jacobian` dF/dq, or a derivative of one, (T, n + m, nv) to radians and robot lengths."""
-    return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loop_rotation]))
+    return scale_jacobian(robot, jacobian, np.concatenate([robot.platform_scale, robot.loop_lengths]))
 
 
 def _left_null_space(robot: ParallelRobot, M: Array) -> Array:
@@ -173,8 +173,9 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     linearised = closed.linearised
     if len(find_near_type2(robot, linearised)):
         raise SingularPose(
-            f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
+            f"at {robot.place(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
+            name=robot.name,
             platform=closed.x[0],
         )
 

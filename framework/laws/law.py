@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from math import comb, isfinite
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -76,7 +77,7 @@ class MotionLaw(Protocol):
 class Ends(NamedTuple):
     """The derivatives of s at both ends of a law: s', s", ... [1/s^order]; none at an end at rest.
 
-    Derivatives beyond the last stated one vanish, up to the smoothness of the law.
+    Derivatives beyond the last stated one vanish, up to the smoothness of the law; it may be exceeded.
     """
 
     start: tuple[float, ...] = ()
@@ -91,9 +92,18 @@ class Ends(NamedTuple):
         """Return the order of the zero of s' at each end: `smoothness` at rest, 0 in motion."""
         return 0 if self.start else smoothness, 0 if self.goal else smoothness
 
-    def derivatives(self, smoothness: int) -> Array:
-        """Return the derivatives (2, smoothness) of s at the start and at the goal [1/s^order]."""
-        return np.array([[*end, *[0.0] * smoothness][:smoothness] for end in self])
+    def derivatives(self, orders: int) -> Array:
+        """Return the first derivatives (2, orders) of s at the start and at the goal [1/s^order]."""
+        return np.array([[*end, *[0.0] * orders][:orders] for end in self])
+
+    def conditions(self, smoothness: int) -> tuple[Array, Array]:
+        """Return s and its given derivatives at the start and at the goal, (a,) and (b,) [1/s^order]."""
+        start, goal = (np.array([s, *end, *[0.0] * (smoothness - len(end))]) for s, end in enumerate(self))
+        return start, goal
+
+    def least_degree(self, smoothness: int, crossings: int) -> int:
+        """Return the degree of the polynomial with s, s' and s" at each crossing."""
+        return sum(map(len, self.conditions(smoothness))) + 3 * crossings - 1
 
 
 REST = Ends()
@@ -310,9 +320,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
             high: given coefficients of the degrees that the conditions leave open.
             ends: derivatives at ends in motion.
         """
-        check_duration(duration)
-        start, goal = ends.derivatives(smoothness)
-        at_ends = conditions_at_instants((0.0, duration), ([0.0, *start], [1.0, *goal]))
+        at_ends = conditions_at_instants((0.0, duration), ends.conditions(smoothness))
         return Law.from_conditions([*at_ends, *inner], duration, high)
 
     def to_dict(self) -> dict[str, Any]:
@@ -360,7 +368,7 @@ def speed_ratios_and_peaks(
         Ratios and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
     # (r, degree + 1) of the r laws that exist, and a mask (m,) of these
-    coefficients, is_regular = _solve_laws(duration, ends.derivatives(smoothness), times, values)
+    coefficients, is_regular = _solve_laws(duration, ends.conditions(smoothness), times, values)
     to_p, to_samples = _matrices_for_search(coefficients.shape[1] - 1, ends.zeros(smoothness))
     p = coefficients @ to_p.T  # Chebyshev series, one law a row
     mean = np.abs(p @ _interior_values(p.shape[1]).T).mean(axis=1)  # (r,) mean |p|
@@ -373,14 +381,16 @@ def speed_ratios_and_peaks(
     return ratios, peaks
 
 
-def _solve_laws(duration: float, at_ends: Array, times: Array, values: Array) -> tuple[Array, BoolArray]:
+def _solve_laws(
+    duration: float, at_ends: Sequence[Array], times: Array, values: Array
+) -> tuple[Array, BoolArray]:
     """Solve for the Chebyshev coefficients (r, c) of the r laws whose c conditions are independent.
 
-    A law goes from s = 0 to s = 1, and meets the conditions of its ends and its instants.
+    A law meets the conditions of its ends and its instants.
 
     Args:
         duration: of all m laws [s].
-        at_ends: derivatives (2, smoothness) of s at both ends [1/s^order].
+        at_ends: s and its derivatives (a,) at each end [1/s^order].
         times: inner instants (m, k) [s].
         values: s, s' and s" (m, k, 3) at these instants [1/s^order].
 
@@ -389,14 +399,14 @@ def _solve_laws(duration: float, at_ends: Array, times: Array, values: Array) ->
     """
     count, instants = times.shape
     scale = 2.0 / duration  # dx/dt of the normalised time x
-    end_orders = range(at_ends.shape[1] + 1)
-    orders = np.array([*end_orders, *end_orders, *([0, 1, 2] * instants)])  # (c,) of the conditions
-    end_x = np.repeat([-1.0, 1.0], len(end_orders))
+    end_counts = [len(values_at_end) for values_at_end in at_ends]
+    orders = np.array([*chain(*map(range, end_counts)), *([0, 1, 2] * instants)])  # (c,) of the conditions
+    end_x = np.repeat([-1.0, 1.0], end_counts)
     inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
     x = np.hstack([np.tile(end_x, (count, 1)), inner_x])  # (m, c)
 
     targets = np.zeros(x.shape)
-    targets[:, : len(end_x)] = np.column_stack([[0.0, 1.0], at_ends]).ravel()  # s, then its derivatives
+    targets[:, : len(end_x)] = np.concatenate(at_ends)  # s, then its derivatives
     targets[:, len(end_x) :] = values.reshape(inner_x.shape)
     targets /= scale**orders  # derivatives by x: those by time over powers of dx/dt
     rows, row_sizes = _scaled_rows(x, orders)

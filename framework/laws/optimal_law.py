@@ -199,7 +199,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate z(xi(sigma)) [1/s^2] or its derivative by sigma up to order 3, with the shape of sigma."""
+        """Evaluate z(xi(sigma)) [1/s^2] or its derivative by sigma, with the shape of sigma."""
         xi, *xi_derivatives = (self.stretch(sigma, k) for k in range(order + 1))  # by sigma
         z_by_xi = [evaluate_on_cells(self.basis.cells, self.series, xi, k) for k in range(order + 1)]
         return compose_derivatives(z_by_xi, xi_derivatives)[order]
@@ -235,21 +235,23 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return self.derivatives(t, order + 1)[order]
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        """Compute s = phi(sigma(t)) and its derivatives of orders below `count` <= 5, each shaped like t.
+        """Compute s = phi(sigma(t)) and its derivatives of orders below `count`, each shaped like t.
 
-        With primes for d/d sigma and u = z'/2, the time derivatives of sigma are sqrt(z), u, sqrt(z) u' and
-        u u' + z u".
+        With primes for d/d sigma and u = z'/2, the time derivatives of sigma are sqrt(z), u(sigma(t)), and
+        those of u.
         """
         sigma = self.parameter(t)
         phi_by_sigma = [self.phi(sigma, order) for order in range(count)]
-        # derivatives of z by sigma; zeros stand for those on which the orders below `count` do not depend
-        z_by_sigma = [self.squared_speed(sigma, order) for order in range(count - 1)]
-        not_needed = [np.zeros(())] * (HIGHEST_ORDER - len(z_by_sigma))
-        z, dz, ddz, dddz = z_by_sigma + not_needed
-        speed = np.sqrt(z)
-        u, du, ddu = 0.5 * dz, 0.5 * ddz, 0.5 * dddz
-        sigma_rates = [speed, u, speed * du, u * du + z * ddu]
-        return compose_derivatives(phi_by_sigma, sigma_rates[: count - 1])
+        sigma_rates: list[Array] = []
+        u_by_sigma: list[Array] = []
+        for order in range(count - 1):
+            z = self.squared_speed(sigma, order)  # its derivative by sigma
+            if order == 0:
+                sigma_rates.append(np.sqrt(z))
+                continue
+            u_by_sigma.append(0.5 * z)
+            sigma_rates.append(compose_derivatives(u_by_sigma, sigma_rates[: order - 1])[order - 1])
+        return compose_derivatives(phi_by_sigma, sigma_rates)
 
     @property
     def edges(self) -> Array:

@@ -19,6 +19,7 @@ from framework.numerics.chebyshev import gauss_legendre
 from framework.tolerances import PATH_JUMP, SAME_PLACE, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
+HIGHEST_STATED = 8  # of those that an end in motion may state; springs with inertia follow ever higher ones
 NO_KNOTS: Array = read_only(np.empty(0))
 GRID_INTERVALS = 4096  # of the grids of s on which derivatives of a user's own path are compared
 
@@ -66,6 +67,7 @@ class PointPath(ReadOnlyArrays):
     """A path defined by its `points` (m, n); paths of one kind through the same points are equal."""
 
     kind: ClassVar[str]
+    highest_order: ClassVar[int] = HIGHEST_STATED
     points: Any
     blend: Any = None  # only a polyline has one
 
@@ -122,6 +124,11 @@ class Part:
         return self.path.n
 
     @property
+    def highest_order(self) -> int:
+        """The highest order of a derivative that the path has."""
+        return highest_order(self.path)
+
+    @property
     def knots(self) -> Array:
         """The knots of the path on this part, (k,)."""
         knots = self.path.knots
@@ -155,6 +162,11 @@ class Line(PointPath):
             return self.start + s[:, None] * direction
         derivative = direction if order == 1 else np.zeros(self.n)
         return np.zeros((len(s), 1)) + derivative
+
+
+def highest_order(path: Path) -> int:
+    """Return the highest order of a derivative that a path has; those of a user have HIGHEST_ORDER."""
+    return int(getattr(path, "highest_order", HIGHEST_ORDER))
 
 
 def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import factorial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -61,7 +62,7 @@ class Stretch:
     dense_at: tuple[float, ...] = ()  # values of sigma
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
+        """Evaluate xi or its derivative of an order, with the shape of sigma."""
         sigma = np.asarray(sigma, dtype=float)
         start, end = self._unscaled_ends
         unscaled = self._evaluate_unscaled(sigma, order)
@@ -75,10 +76,10 @@ class Stretch:
         return read_only(self._evaluate_unscaled(np.array([0.0, 1.0]), 0))
 
     def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before scaling, or its derivative up to order 3.
+        """Evaluate the map before scaling, or its derivative of an order.
 
-        With d = sigma - p_k, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
-        w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
+        With d = sigma - p_k, the derivative of arctan(d / w) is w / (w^2 + d^2), the imaginary part of
+        1 / (d - i w); that of order m is the one of (-1)^(m - 1) (m - 1)! / (d - i w)^m.
         """
         # the first term, sigma, or its derivative: 1, then 0
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
@@ -86,15 +87,12 @@ class Stretch:
             return identity
         w = STRETCH_WIDTH
         d = sigma[..., None] - np.array(self.dense_at)
-        denominator = w**2 + d**2
         if order == 0:
             arctangents = np.arctan(d / w)
         elif order == 1:
-            arctangents = w / denominator
-        elif order == 2:
-            arctangents = -2.0 * w * d / denominator**2
+            arctangents = w / (w**2 + d**2)
         else:
-            arctangents = w * (6.0 * d**2 - 2.0 * w**2) / denominator**3
+            arctangents = (-1.0) ** (order - 1) * factorial(order - 1) * ((d - 1j * w) ** -order).imag
         return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
 
     def inverse(self, xi: ArrayLike) -> Array:

@@ -12,9 +12,9 @@ The robot file (YAML)
     robot_file_writer   write a description
 
 The URDF
-    urdf_elements       locate a URDF; read and check joints, links and inertias
+    urdf_elements       joints and links in a tree; locate a URDF, read and check it
     visuals             read its solids
-    urdf_edits          write elements; edits for a robot file, for springs and for pinocchio
+    urdf_edits          edit a tree for a robot file and for springs; write it as a URDF
     documents           parse XML and YAML within limits; attributes of an element
 
 Springs

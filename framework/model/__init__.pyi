@@ -10,7 +10,6 @@ from framework.model.description import (
     KeptLevel,
     Level,
     LineSpring,
-    ParsedRobot,
     Platform,
     RobotDescription,
     Scene,
@@ -18,6 +17,7 @@ from framework.model.description import (
 )
 from framework.model.robot_file import read_robot_file
 from framework.model.robot_file_writer import write_robot_file
+from framework.model.urdf_elements import Joint, ParsedRobot, Tree
 
 __all__ = [
     "FLEXIBILITIES",
@@ -26,6 +26,7 @@ __all__ = [
     "Closure",
     "Coupling",
     "FrameWrench",
+    "Joint",
     "JointDynamics",
     "KeptLevel",
     "Level",
@@ -38,6 +39,7 @@ __all__ = [
     "Section",
     "SplitBeam",
     "Spring",
+    "Tree",
     "beam_spring",
     "beam_stiffness",
     "read_robot_file",

@@ -24,16 +24,16 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 from warnings import warn
-from xml.etree.ElementTree import Element, ParseError, fromstring, tostring
+from xml.etree.ElementTree import ParseError, fromstring
 
 import numpy as np
 
 from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
-from framework.model.documents import read_origin, remove_children
 from framework.model.placement import invert_placement, placement, unit_vector
 from framework.model.robot_file_writer import record_entry as spring_entry
-from framework.model.urdf_edits import NewJoint, joint_element, origin_element
+from framework.model.urdf_edits import urdf_text as text_of
+from framework.model.urdf_elements import Joint, read_tree
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.fields import check_distinct, positive
 from framework.tolerances import BEAM_NEAR_MINUS_X, FILE_ROUNDING
@@ -214,31 +214,25 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         root = fromstring(urdf_text)
     except ParseError as error:
         raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
-    fixed_joints = {joint.get("name", ""): joint for joint in root.findall("joint[@type='fixed']")}
-    check_name("tip", "fixed joint", tip, fixed_joints)
-    joint = fixed_joints[tip]
+    tree = read_tree(root)
+    check_name("tip", "fixed joint", tip, [joint.name for joint in tree.joints.values() if not joint.moves])
+    joint = tree.joints[tip]
     middle = f"{tip}_middle"
-    taken = {element.get("name") for tag in ("link", "joint") for element in root.findall(tag)}
-    if middle in taken or f"{middle}_link" in taken:
+    if not {middle, f"{middle}_link"}.isdisjoint((*tree.links, *tree.joints)):
         raise InvalidInput(f"tip: the name {middle!r} is already there")
 
     # the middle of the beam, with x along the beam
-    parent = joint.find("parent")
-    tip_placement = read_origin(joint, f"joint {tip!r}")
-    span = tip_placement[:3, 3]
+    span = joint.origin[:3, 3]
     length = float(np.linalg.norm(span))
-    if length == 0.0 or parent is None:
+    if length == 0.0:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     to_middle = placement(_section_axes(span / length, y), 0.5 * span)
 
     # the new joint leads from the link to the middle, and `tip` from there to the tip
-    root.append(Element("link", name=f"{middle}_link"))
-    middle_joint = NewJoint(middle, "fixed", to_middle)
-    root.append(joint_element(middle_joint, parent.get("link", ""), f"{middle}_link"))
-    parent.set("link", f"{middle}_link")
-    remove_children(joint, "origin")
-    joint.append(origin_element(invert_placement(to_middle) @ tip_placement))
-    return SplitBeam(tostring(root, encoding="unicode"), middle, length)
+    tree.put(Joint(middle, "fixed", to_middle, parent=joint.parent, child=f"{middle}_link"))
+    rest = invert_placement(to_middle) @ joint.origin
+    tree.put(replace(joint, origin=rest, parent=f"{middle}_link", element=None))
+    return SplitBeam(text_of(tree), middle, length)
 
 
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:

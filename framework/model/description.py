@@ -10,8 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element
+from typing import Any
 
 import numpy as np
 
@@ -534,19 +533,3 @@ class RobotDescription:
         """
         check_choice("flexibility", flexibility, FLEXIBILITIES)
         return tuple(spring for spring in self.springs if spring.exists_in(flexibility))
-
-
-class ParsedRobot(NamedTuple):
-    """The content of a file of any dialect.
-
-    `urdf` is the parsed root of `description.urdf_text`; no reader of the record may change it. `dialect` is
-    one of `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file. `stated` are positions
-    [rad, m] that the file or its reader's options give as reference; other coordinates are 0.
-    """
-
-    description: RobotDescription
-    urdf: Element
-    dialect: str = "robot file"
-    remarks: tuple[str, ...] = ()
-    stated: Mapping[str, float] | None = None
-    joint_order: Names = ()  # of pinocchio's joints; by default that of its parser

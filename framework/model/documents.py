@@ -58,11 +58,12 @@ def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -
     try:
         yield
     except MissingPackage as error:
-        raise MissingPackage(f"{path}: {error}", package=error.package) from None
+        raise MissingPackage(str(error), package=error.package).naming(str(path)) from None
     except InvalidInput as error:
-        raise kind(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        is_named = error.name == str(path)  # by an inner block
+        raise kind(error.sentence if is_named else str(error)).naming(str(path)) from None
     except RecursionError:
-        raise kind(f"{path}: nested too deeply") from None
+        raise kind("nested too deeply").naming(str(path)) from None
 
 
 def parse_xml(text: str) -> Element:

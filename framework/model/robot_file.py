@@ -9,17 +9,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import LineSpring, ParsedRobot, RobotDescription, Spring, lock_couplings
+from framework.model.description import LineSpring, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
 from framework.model.robot_keys import TREE, RobotReader, merge_joint_dynamics
-from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link_name
+from framework.model.urdf_edits import add_frame, free_root, lock_joints, urdf_text, virtual_link_name
 from framework.model.urdf_elements import (
     MOVING,
+    ParsedRobot,
     Tree,
     declared_couplings,
     declared_dynamics,
@@ -58,15 +58,15 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file in the message.
     """
-    tree = read_table("", content, TREE, others=None)
-    urdf_text, root = _read_urdf(path.parent, tree, parameters)
-    return describe_tree(path, urdf_text, root, content, parameters, tree["locked"])
+    values = read_table("", content, TREE, others=None)
+    text, tree = _read_urdf(path.parent, values, parameters)
+    return describe_tree(path, text, tree, content, parameters, values["locked"])
 
 
 def describe_tree(
     path: Path,
-    urdf_text: str,
-    root: Element,
+    text: str,
+    tree: Tree,
     content: Mapping[str, Any],
     parameters: Mapping[str, float],
     locked: Mapping[str, float] = MappingProxyType({}),
@@ -75,20 +75,19 @@ def describe_tree(
 
     Args:
         path: of the robot file.
-        urdf_text, root: the URDF and the root of its XML.
+        text, tree: the URDF, and its links and joints.
         content: of the robot file; the keys in TREE are not read.
         parameters: with which placeholders were filled.
-        locked: positions [rad, m] by name of joints that are fixed in `root`.
+        locked: positions [rad, m] by name of joints that are fixed in `tree`.
 
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file in the message.
     """
-    urdf = read_tree(root)
     with prefix_errors(f"urdf: {content.get('urdf', path.name)}"):
-        mimics = declared_couplings(root, locked)
+        mimics = declared_couplings(tree, locked)
 
     is_coupled = "couplings" in content or bool(mimics)
-    table = RobotReader(urdf, locked).table(is_coupled=is_coupled)
+    table = RobotReader(tree, locked).table(is_coupled=is_coupled)
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
@@ -106,14 +105,14 @@ def describe_tree(
     description = RobotDescription(
         name=path.stem,
         file=path,
-        urdf_text=urdf_text,
-        joints=merge_joint_dynamics(declared_dynamics(root), robot.pop("joints")),
+        urdf_text=text,
+        joints=merge_joint_dynamics(declared_dynamics(tree), robot.pop("joints")),
         parameters=dict(parameters),
         **robot,
     )
     _check_scenes(description)
-    _check_names(description, urdf)
-    return ParsedRobot(description, root)
+    _check_names(description, tree)
+    return ParsedRobot(description, tree)
 
 
 def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
@@ -151,35 +150,33 @@ def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> N
 # ------------------------------------------------------------------ the tree
 
 
-def _read_urdf(folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]) -> tuple[str, Element]:
+def _read_urdf(folder: Path, values: Mapping[str, Any], parameters: Mapping[str, float]) -> tuple[str, Tree]:
     """Read the URDF, and lock joints, free the root and add frames as the robot file says.
 
     Args:
         folder: of the robot file.
-        tree: values of the keys in TREE.
+        values: of the keys in TREE.
         parameters: values for the placeholders in the URDF.
 
     Returns:
-        The text of the URDF, and the root of its XML.
+        The text of the URDF, and its links and joints.
     """
-    path = locate_urdf(folder, tree["urdf"])
+    path = locate_urdf(folder, values["urdf"])
     text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with prefix_errors(f"urdf: {path}"):
         text = fill_placeholders(text, parameters)
-        root = parse_xml(text)
-        read_tree(root)
-    if not (tree["locked"] or tree["root"] == "free" or tree["frames"]):
-        return text, root  # the text as it is in the file
-    lock_joints(root, tree["locked"])
-    if tree["root"] == "free":
-        free_root(root)
-    read_frames = list_of(RobotReader(read_tree(root)).added_frame)
-    for frame in read_frames("frames", tree["frames"]):
+        tree = read_tree(parse_xml(text))
+    if not (values["locked"] or values["root"] == "free" or values["frames"]):
+        return text, tree  # the text as it is in the file
+    lock_joints(tree, values["locked"])
+    if values["root"] == "free":
+        free_root(tree)
+    for frame in list_of(RobotReader(tree).added_frame)("frames", values["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
-        add_frame(root, origin=origin, **frame)  # `frame` has the other arguments
-    with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
-        read_tree(root)
-    return tostring(root, encoding="unicode"), root
+        with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
+            add_frame(tree, origin=origin, **frame)  # `frame` has the other arguments
+    text = urdf_text(tree)
+    return text, read_tree(parse_xml(text))  # the same numbers as whoever reads the text has
 
 
 # ------------------------------------------------------------------ checks across keys

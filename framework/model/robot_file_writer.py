@@ -65,7 +65,7 @@ def write_robot_file(
         try:
             read_robot_file(written)
         except RobotFileError as error:
-            message = str(error).removeprefix(f"{written}: ").replace(str(temporary), str(out))
+            message = error.sentence.replace(str(temporary), str(out))  # where the files would be
             raise RobotFileError(f"{source}: cannot become a robot file: {message}") from None
     return out / f"{name}.yaml"
 

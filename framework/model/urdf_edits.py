@@ -1,4 +1,4 @@
-"""Write elements of a URDF, and edit a URDF for a robot file, for springs and for pinocchio's parser.
+"""Edit the tree of a URDF for a robot file and for springs, and write it.
 
 A robot file adds frames and bodies to links, locks joints and frees the root. A spring is a virtual joint:
 
@@ -10,36 +10,40 @@ All other modules see one tree.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import check_name
+from framework.errors import RobotFileError, check_name
 from framework.model.description import RobotDescription, Spring
-from framework.model.documents import child_element, read_axis, remove_children
+from framework.model.documents import remove_children
 from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
-    INERTIA_ENTRIES,
+    ENDLESS,
     MOVING,
     Joint,
-    add_endless_limit,
+    Tree,
+    read_inertial,
     read_tree,
 )
 from framework.numerics.arrays import Array
 
 GROUND = "ground"  # the root link of a robot whose file frees the root
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
-# the children of joints that pinocchio reads, of all and of moving ones
-_JOINT_PARTS = ("parent", "child", "origin")
-_MOVING_JOINT_PARTS = (*_JOINT_PARTS, "axis", "limit")
-# the attributes of these children, and of those of `<inertial>`, that hold numbers
-_NUMBERS = {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", *INERTIA_ENTRIES}
+
+
+def urdf_text(tree: Tree) -> str:
+    """Write a tree as the text of a URDF; links and joints that have not changed are those of the file."""
+    root = Element("robot", name=tree.name)
+    root.extend(tree.others)
+    root.extend(tree.links.values())
+    for joint in tree.joints.values():
+        root.append(joint_element(joint) if joint.element is None else joint.element)
+    return tostring(root, encoding="unicode")
 
 
 def vector_text(values: Iterable[float]) -> str:
@@ -52,47 +56,30 @@ def origin_element(matrix: Array) -> Element:
     return Element("origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3])))
 
 
-class NewJoint(NamedTuple):
-    """A joint to write; None leaves an element out."""
-
-    name: str
-    kind: str  # type in the URDF
-    origin: Array | None = None  # (4, 4) placement in the parent link
-    axis: Array | None = None  # (3,) in the joint's frame
-    limits: Sequence[float] | None = None  # lower and upper limit [rad, m]
-
-
-def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
-    """Return a `<joint>` from link `parent` to link `child`.
-
-    Limits that URDF requires and `joint` does not have are so large that no motion reaches them. A continuous
-    joint with limits becomes a revolute one.
-    """
-    kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
-    element = Element("joint", name=joint.name, type=kind)
-    SubElement(element, "parent", link=parent)
-    SubElement(element, "child", link=child)
-    if joint.origin is not None:
-        element.append(origin_element(joint.origin))
-    if joint.axis is not None:
+def joint_element(joint: Joint) -> Element:
+    """Return the `<joint>` of a joint; without limits, those that URDF requires are never reached."""
+    element = Element("joint", name=joint.name, type=joint.kind)
+    SubElement(element, "parent", link=joint.parent)
+    SubElement(element, "child", link=joint.child)
+    element.append(origin_element(joint.origin))
+    if joint.kind in MOVING:
         SubElement(element, "axis", xyz=vector_text(joint.axis))
-    if kind in ("revolute", "prismatic"):
-        limit = add_endless_limit(element)
-        if joint.limits:
-            lower, upper = joint.limits
-            limit.attrib |= {"lower": repr(lower), "upper": repr(upper)}
+    if joint.kind in ("revolute", "prismatic"):
+        lower, upper = joint.limits or (-ENDLESS, ENDLESS)
+        limit = {"lower": lower, "upper": upper, "effort": joint.effort, "velocity": joint.speed}
+        SubElement(element, "limit", {key: f"{value!r}" for key, value in limit.items()})
     return element
 
 
-def chain_elements(
-    parent: str, motions: Sequence[NewJoint], body: str, end: Array, taken: set[str]
-) -> Iterator[Element]:
-    """Yield a chain of joints from `parent` to `body`, and the massless links between.
+def add_chain(
+    tree: Tree, parent: str, motions: Sequence[Joint], body: str, end: Array, taken: set[str]
+) -> None:
+    """Add a chain of joints from a link `parent` to a link `body`, with massless links between.
+
+    A continuous joint with limits becomes a revolute one.
 
     Args:
-        parent: link.
         motions: the joints, from the parent on.
-        body: link behind the last joint.
         end: (4, 4) placement of the body behind the last joint. Unless it is the identity, a fixed joint is
             added there.
         taken: names in use, to which the names of the chain are added.
@@ -100,12 +87,12 @@ def chain_elements(
     for motion in motions:
         carries_body = motion is motions[-1] and np.array_equal(end, np.eye(4))
         child = body if carries_body else free_name(f"{motion.name}_link", taken)
-        if not carries_body:
-            yield Element("link", name=child)
-        yield joint_element(motion, parent, child)
+        kind = "revolute" if motion.limits and motion.kind == "continuous" else motion.kind
+        tree.put(replace(motion, kind=kind, parent=parent, child=child))
         parent = child
     if parent != body:
-        yield joint_element(NewJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
+        mount = free_name(f"{body}_mount", taken)
+        tree.put(Joint(mount, "fixed", end, parent=parent, child=body))
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
@@ -142,7 +129,7 @@ def inertial_element(mass: float, centre: Array, inertia: Array) -> Element:
 
 
 def add_frame(
-    root: Element,
+    tree: Tree,
     name: str,
     parent: str,
     origin: Array,
@@ -154,11 +141,17 @@ def add_frame(
     The body's centre of mass is the frame's origin; its principal moments `inertia` (3,) [kg m^2] are about
     the frame's axes. Its visual is the box of uniform density with this mass [kg] and inertia: the edges
     satisfy a_x^2 = 6 (I_yy + I_zz - I_xx) / m, and so on.
+
+    Raises:
+        RobotFileError: a name is taken.
     """
-    link = SubElement(root, "link", name=name)
-    root.append(joint_element(NewJoint(f"{name}_mount", "fixed", origin), parent, name))
+    for tag, taken, new in (("link", tree.links, name), ("joint", tree.joints, f"{name}_mount")):
+        if new in taken:
+            raise RobotFileError(f"duplicate {tag} {new!r}")
+    tree.put(Joint(f"{name}_mount", "fixed", origin, parent=parent, child=name))
     if not mass:
         return
+    link = tree.links[name]
     link.append(inertial_element(mass, np.zeros(3), np.diag(inertia)))
     squared_edges = 6.0 / mass * (sum(inertia) - 2.0 * np.array(inertia))
     if squared_edges.min() > 0.0:  # a flat body has no box
@@ -168,20 +161,20 @@ def add_frame(
         SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # the colour of platforms in the catalogue
 
 
-def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
-    """Fix joints of one freedom at values [rad, m], by name; a fixed joint follows no other any more.
+def lock_joints(tree: Tree, locked: Mapping[str, float]) -> None:
+    """Fix joints of one freedom at values [rad, m], by name.
 
     Raises:
         RobotFileError: no joint of one freedom has such a name.
     """
-    tree = read_tree(root)
+    movable = tree.movable
     for name, value in locked.items():
-        check_name(f"locked.{name}", "joint", name, tree.movable)
-        fix_joint(tree.joints[name], value)
+        check_name(f"locked.{name}", "joint", name, movable)
+        tree.put(fixed_joint(tree.joints[name], value))
 
 
-def fix_joint(joint: Joint, *values: float) -> None:
-    """Fix a joint that moves at the values [rad, m] of its coordinates; remove axis, limits and mimic."""
+def fixed_joint(joint: Joint, *values: float) -> Joint:
+    """Return a joint that moves as one fixed at the values [rad, m] of its coordinates."""
     if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone
@@ -190,28 +183,28 @@ def fix_joint(joint: Joint, *values: float) -> None:
         motion = placement(translation=values[0] * joint.axis / np.linalg.norm(joint.axis))
     else:
         motion = placement(rotation_about(joint.axis, values[0]))
-    joint.origin = joint.origin @ motion
-    joint.kind = "fixed"
-    joint.element.set("type", "fixed")
-    remove_children(joint.element, "axis", "limit", "mimic", "origin")
-    joint.element.append(origin_element(joint.origin))
+    return Joint(joint.name, "fixed", joint.origin @ motion, parent=joint.parent, child=joint.child)
 
 
-def free_root(root: Element) -> None:
-    """Mount a URDF on a new root link `ground` by the six ROOT_JOINTS.
+def free_root(tree: Tree) -> None:
+    """Mount a tree on a new root link `ground` by the six ROOT_JOINTS.
 
     They are three slides along the base axes, then rotations about z, y and x. The chain is singular only
-    when the root pitches by 90 degrees.
+    when the root pitches by 90 degrees. Nothing drives these joints.
+
+    Raises:
+        RobotFileError: the name of a joint or of the link is taken.
     """
-    tree = read_tree(root)
+    base = tree.base
+    for name in (GROUND, *ROOT_JOINTS):
+        if name in tree.links or name in tree.joints:
+            raise RobotFileError(f"root: free: the name {name!r} is taken in the URDF")
     motions = []
     for name in ROOT_JOINTS:
         kind = "revolute" if "_r" in name else "prismatic"
-        motions.append(NewJoint(name, kind, np.eye(4), unit_vector(name[-1])))
-    SubElement(root, "link", name=GROUND)
-    root.extend(chain_elements(GROUND, motions, tree.base, np.eye(4), set(tree.links)))
-    for limit in root.findall("joint/limit")[-len(motions) :]:  # of the chain, which was added last
-        limit.set("effort", "0")  # nothing drives these joints
+        motions.append(Joint(name, kind, axis=unit_vector(name[-1]), effort=0.0))
+    tree.links[GROUND] = Element("link", name=GROUND)
+    add_chain(tree, GROUND, motions, base, np.eye(4), set(tree.links))
 
 
 # ------------------------------------------------------------------ for levels of fidelity
@@ -229,64 +222,25 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
     """
     if bodies == "all":
         return description
-    root = fromstring(description.urdf_text)
-    with_mass = _payload_links(description, root) if bodies == "payload" else []
-    for link in root.findall("link"):
-        if link.get("name") not in with_mass:
+    tree = read_tree(fromstring(description.urdf_text))
+    with_mass = _payload_links(description, tree) if bodies == "payload" else []
+    for name, link in tree.links.items():
+        if name not in with_mass:
             remove_children(link, "inertial")
     return replace(
         description,
-        urdf_text=tostring(root, encoding="unicode"),
+        urdf_text=urdf_text(tree),
         joints=description.joints if with_mass else {},
     )
 
 
-def _payload_links(description: RobotDescription, root: Element) -> list[str]:
+def _payload_links(description: RobotDescription, tree: Tree) -> list[str]:
     """Return the names of the links that carry the payload's inertia."""
     platform = description.platform.frame
-    masses = [link.find("inertial/mass") for link in root.findall("link") if link.get("name") == platform]
-    if any(mass is not None and float(mass.get("value", "0")) > 0 for mass in masses):
+    if platform in tree.links and read_inertial(tree.links[platform])[0] > 0.0:
         return [platform]
-    urdf = read_tree(root)
-    body = urdf.body(platform)
-    return [name for name in urdf.links if urdf.body(name) == body]
-
-
-# ------------------------------------------------------------------ for pinocchio
-
-
-def copy_without_shapes(root: Element) -> Element:
-    """Copy a checked URDF without shapes, its numbers parsed by Python.
-
-    Pinocchio's parser prints errors in visuals and collisions to the console, and parses numbers differently.
-    """
-    bare = Element("robot", name=root.get("name", ""))
-    for element in root:
-        if element.tag == "link":
-            tags: tuple[str, ...] = ("inertial",)
-        elif element.tag == "joint":
-            tags = _MOVING_JOINT_PARTS if element.get("type") in MOVING else _JOINT_PARTS
-        else:
-            continue
-        copy = SubElement(bare, element.tag, element.attrib)
-        for tag in tags:
-            copy.extend(deepcopy(element.findall(tag)[:1]))  # pinocchio reads the first of a tag
-    for element in bare.iter():
-        for key in _NUMBERS & element.attrib.keys():
-            element.set(key, vector_text(map(float, element.attrib[key].split())))
-    return bare
-
-
-def make_continuous_joints_revolute(root: Element) -> None:
-    """Replace the continuous joints of a URDF by unlimited revolute joints.
-
-    Pinocchio's coordinates of a continuous joint are the cosine and sine of the angle. A motor behind a gear
-    needs the angle itself, with full turns.
-    """
-    for joint in root.findall("joint[@type='continuous']"):
-        joint.set("type", "revolute")
-        remove_children(joint, "limit")
-        add_endless_limit(joint)
+    body = tree.body(platform)
+    return [name for name in tree.links if tree.body(name) == body]
 
 
 # ------------------------------------------------------------------ springs
@@ -297,33 +251,23 @@ def virtual_link_name(name: str) -> str:
     return f"{name}_base"
 
 
-def insert_springs(root: Element, springs: Sequence[Spring]) -> None:
-    """Insert the virtual joints of springs into a URDF.
+def insert_springs(tree: Tree, springs: Sequence[Spring]) -> None:
+    """Insert the virtual joints of springs into a tree.
 
-    The springs' names and `after` must be valid for this URDF, as `read_robot_file` checks. Several springs
+    The springs' names and `after` must be valid for this tree, as `read_robot_file` checks. Several springs
     behind one joint follow the joint in the order given.
     """
-    joints = {joint.get("name"): joint for joint in root.findall("joint")}
-    last = dict(joints)  # the last joint so far in the chain that each `after` begins
+    last: dict[str, str] = {}  # the last joint so far in the chain that each `after` begins
     for spring in springs:
-        for motion in _virtual_joints(spring, joints[spring.after]):
-            end = child_element(last[spring.after], "", "child")
-            link = virtual_link_name(motion.name)
-            SubElement(root, "link", name=link)
-            joint = joint_element(motion, link, end.get("link", ""))
-            end.set("link", link)  # the last joint now leads to the massless link before the spring
-            root.append(joint)
-            last[spring.after] = joint
-
-
-def _virtual_joints(spring: Spring, after: Element) -> list[NewJoint]:
-    """Return the virtual joints of a spring behind the joint `after`."""
-    if not spring.motion:
-        kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
-        axis = after.find("axis")
-        direction = unit_vector("x") if axis is None else read_axis(axis, "")
-        return [NewJoint(spring.name, kind, axis=direction)]
-    return [
-        NewJoint(name, "revolute" if "r" in axis else "prismatic", axis=unit_vector(axis[-1]))
-        for name, axis in zip(spring.coordinates, spring.motion, strict=True)
-    ]
+        after = tree.joints[spring.after]
+        axes = spring.motion or ("own",)
+        for name, axis in zip(spring.coordinates, axes, strict=True):
+            if axis == "own":
+                kind, direction = "prismatic" if after.kind == "prismatic" else "revolute", after.axis
+            else:
+                kind, direction = "revolute" if "r" in axis else "prismatic", unit_vector(axis[-1])
+            end = tree.joints[last.get(spring.after, spring.after)]
+            link = virtual_link_name(name)
+            tree.put(replace(end, child=link, element=None))
+            tree.put(Joint(name, kind, axis=direction, parent=link, child=end.child))
+            last[spring.after] = name

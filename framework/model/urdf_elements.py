@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 import sysconfig
-from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement
+from typing import Any, NamedTuple
+from warnings import warn
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 
 from framework.errors import MissingPackage, RobotFileError, check_name
-from framework.model.description import Coupling
+from framework.model.description import Coupling, RobotDescription
 from framework.model.documents import (
     attribute,
     child_element,
@@ -58,20 +59,22 @@ JointValues = dict[str, dict[str, float]]  # for each coordinate, values of fiel
 Complaints = list[tuple[str, str]]  # the name of a link or joint, and what is impossible about it
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint of the tree, with its XML element.
+    """A joint of the tree between two links."""
 
-    Readers of other dialects change joints; then they change the element, too.
-    """
-
-    element: Element
     name: str
     kind: str  # one of JOINT_TYPES
-    parent: str  # link
-    child: str  # link
-    origin: Array  # (4, 4) placement in the parent link at position zero
-    axis: Array  # (3,) in the joint's frame, of any length; x where the joint has no axis
+    origin: Array = field(default_factory=lambda: np.eye(4))  # (4, 4) placement in the parent link at zero
+    axis: Array = field(default_factory=lambda: unit_vector("x"))  # (3,) in the joint's frame, of any length
+    limits: tuple[float, float] | None = None  # lower and upper [rad, m]
+    parent: str = ""  # link
+    child: str = ""  # link
+    effort: float = ENDLESS  # largest [N m, N], and the largest speed [per s]; neither is a limit of a motor
+    speed: float = ENDLESS
+    dynamics: Mapping[str, float] = field(default_factory=dict)  # positive damping and friction, as in a file
+    mimic: Coupling | None = None  # of a joint of one freedom
+    element: Element | None = None  # of the file, written again as it is; None once the joint has changed
 
     @property
     def moves(self) -> bool:
@@ -86,15 +89,32 @@ class Joint:
 
 @dataclass
 class Tree:
-    """Links and joints of a URDF by name, in the order of the file."""
+    """Links and joints by name, in the order of the file; readers and springs change them."""
 
-    links: list[str]
-    joints: dict[str, Joint]
-    base: str  # the root link
+    name: str
+    links: dict[str, Element]  # with inertia and shapes
+    joints: dict[str, Joint] = field(default_factory=dict)
+    others: Sequence[Element] = ()  # materials, and what other programs read
 
     def __post_init__(self) -> None:
         """Find the joint that carries each link, the root aside."""
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
+
+    @property
+    def base(self) -> str:
+        """The root link."""
+        return next(link for link in self.links if link not in self.parent_joint)
+
+    def put(self, *joints: Joint) -> None:
+        """Add joints and their child links, or replace joints of the same names."""
+        for joint in joints:
+            self.joints[joint.name] = joint
+            self.parent_joint[joint.child] = joint
+            self.links.setdefault(joint.child, Element("link", name=joint.child))
+
+    def copy(self) -> Tree:
+        """Return a tree that changes by itself."""
+        return Tree(self.name, dict(self.links), dict(self.joints), self.others)
 
     @property
     def frames(self) -> list[str]:
@@ -121,6 +141,32 @@ class Tree:
         while link in self.parent_joint and not self.parent_joint[link].moves:
             link = self.parent_joint[link].parent
         return link
+
+    def path_to_base(self, link: str) -> list[Joint]:
+        """Return the joints from a link to the base, in this order."""
+        path = []
+        while joint := self.parent_joint.get(link):
+            path.append(joint)
+            link = joint.parent
+        return path
+
+    def zero_pose(self, link: str) -> Array:
+        """Compute the placement (4, 4) of a link in the base, all joints at zero."""
+        matrix = np.eye(4)
+        for joint in self.path_to_base(link):
+            matrix = joint.origin @ matrix
+        return matrix
+
+    def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
+        """Return the moving joints that carry only the first link, and only the second.
+
+        Each list leads from its link towards the base.
+        """
+        path = self.path_to_base(first)
+        other_path = self.path_to_base(second)
+        only_first = [joint for joint in path if joint.moves and joint not in other_path]
+        only_second = [joint for joint in other_path if joint.moves and joint not in path]
+        return only_first, only_second
 
 
 def locate_urdf(folder: Path, reference: str) -> Path:
@@ -169,64 +215,100 @@ def coordinates_of(name: str, kind: str) -> Names:
     return tuple(f"{name}{suffix}" for suffix in suffixes.get(kind, ()))
 
 
+class ParsedRobot(NamedTuple):
+    """The content of a file of any dialect.
+
+    `tree` is that of `description.urdf_text`; no reader of the record may change it. `dialect` is one of
+    `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file. `stated` are positions
+    [rad, m] that the file or its reader's options give as reference; other coordinates are 0.
+    """
+
+    description: RobotDescription
+    tree: Tree
+    dialect: str = "robot file"
+    remarks: tuple[str, ...] = ()
+    stated: Mapping[str, float] | None = None
+    joint_order: Names = ()  # of pinocchio's joints; by default that of its parser
+
+    @property
+    def urdf(self) -> Element:
+        """Deprecated: the root of the URDF's XML; see `tree`."""
+        warn("ParsedRobot.urdf goes in 0.9: see tree", DeprecationWarning, stacklevel=2)
+        return fromstring(self.description.urdf_text)
+
+
 def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
     """Read and check the links and joints below `<robot>`.
 
-    Impossible inertias of links and impossible limits of joints are errors. With a list `impossible` they are
-    removed from `root` instead, and the list receives the name of the link or joint and the complaint.
+    With a list `impossible`, impossible inertias and limits are removed instead of refused, see `check_tree`.
 
     Raises:
         RobotFileError: the elements are not a tree of known joints and possible bodies, or are too many.
     """
     if root.tag != "robot":
         raise RobotFileError(f"<{root.tag}>: not a URDF, whose root is <robot>")
-    links = unique_names(root, "link")
-    count = max(len(links), len(unique_names(root, "joint")))
+    links, joints = (_unique_elements(root, tag) for tag in ("link", "joint"))
+    count = max(len(links), len(joints))
     if count > MAX_TREE_ELEMENTS:
         raise RobotFileError(f"<robot>: {count} links or joints; at most {MAX_TREE_ELEMENTS} are read")
+    others = [element for element in root if element.tag not in ("link", "joint")]
+    tree = Tree(root.get("name", ""), links, {}, others)
+    for element in joints.values():
+        tree.put(_read_joint(element, links, impossible))
+    check_tree(tree, impossible)
+    return tree
 
-    link_names = set(links)
-    all_joints = [read_joint(element, link_names, impossible) for element in root.findall("joint")]
-    joints = {joint.name: joint for joint in all_joints}
-    for joint in all_joints:
+
+def check_tree(tree: Tree, impossible: Complaints | None = None) -> None:
+    """Refuse links and joints that are no tree of possible bodies.
+
+    With a list `impossible`, an impossible inertia is removed, and the list receives the name of the link and
+    the complaint.
+
+    Raises:
+        RobotFileError: what is wrong, with the name of the link or joint.
+    """
+    for joint in tree.joints.values():
+        if joint.name == UNIVERSE and joint.kind in MOVING:
+            raise RobotFileError(
+                f"joint {joint.name!r}: pinocchio gives this name to what does not move; rename the joint"
+            )
         for coordinate in joint.coordinates:
-            if coordinate in joints and coordinate != joint.name:
+            if coordinate in tree.joints and coordinate != joint.name:
                 raise RobotFileError(
                     f"joint {joint.name!r}: its coordinate {coordinate!r} has the name of another joint"
                 )
-
-    extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in all_joints), default=0.0)
-    for link in root.findall("link"):
+    _check_root(tree)
+    extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in tree.joints.values()), default=0.0)
+    for name, link in tree.links.items():
         for visual in link.findall("visual"):
-            read_origin(visual, f"link {link.get('name')!r}: <visual>")
+            read_origin(visual, f"link {name!r}: <visual>")
         try:
             check_inertial(link, extent)
         except RobotFileError as error:
             if impossible is None:
                 raise
-            impossible.append((link.get("name", ""), str(error)))
+            impossible.append((name, str(error)))
             remove_children(link, "inertial")
-    return Tree(links, joints, _find_root(links, joints))
 
 
-def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """Find the root of the tree of links; refuse joints that do not make a tree."""
-    for joint in joints.values():
+def _check_root(tree: Tree) -> None:
+    """Refuse joints that do not make a tree with one root."""
+    parents: dict[str, str] = {}  # the parent link of each link
+    for joint in tree.joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
-    parents: dict[str, str] = {}  # the parent link of each link
-    for joint in joints.values():
+    for joint in tree.joints.values():
         if joint.child in parents:
             raise RobotFileError(
                 f"link {joint.child!r} has two parents; a URDF is a tree: cut the loop there and declare it "
                 f"(in a robot file under closures)"
             )
         parents[joint.child] = joint.parent
-    roots = [link for link in links if link not in parents]
+    roots = [link for link in tree.links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
-    (root,) = roots
-    for link in links:
+    for link in tree.links:
         depth = 0
         ancestor = link
         while ancestor in parents:
@@ -236,24 +318,21 @@ def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
                 raise RobotFileError(f"link {link!r} hangs in a circle of joints without a root")
         if depth > MAX_TREE_DEPTH:
             raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
-    return root
 
 
-def unique_names(root: Element, tag: str) -> list[str]:
-    """Return the names of the elements with a tag; refuse missing and repeated names."""
-    names = [attribute(element, f"<{tag}>", "name") for element in root.findall(tag)]
-    if repeated := [name for name, count in Counter(names).items() if count > 1]:
-        raise RobotFileError(f"duplicate {tag} {repeated[0]!r}")
-    return names
+def _unique_elements(root: Element, tag: str) -> dict[str, Element]:
+    """Return the elements with a tag by name; refuse missing and repeated names."""
+    elements: dict[str, Element] = {}
+    for element in root.findall(tag):
+        name = attribute(element, f"<{tag}>", "name")
+        if name in elements:
+            raise RobotFileError(f"duplicate {tag} {name!r}")
+        elements[name] = element
+    return elements
 
 
-def read_joint(element: Element, links: set[str], impossible: Complaints | None = None) -> Joint:
-    """Read and check a joint between two links; remove children that mean nothing for its type.
-
-    Args:
-        element: the `<joint>`.
-        links: names of all links.
-        impossible: receives the joint's name and the complaint about an impossible limit, which is removed.
+def _read_joint(element: Element, links: Collection[str], impossible: Complaints | None) -> Joint:
+    """Read a joint between two of the `links`; an impossible limit goes to the list, if there is one.
 
     Raises:
         RobotFileError: a part is missing, malformed or of no known type; the limit is impossible, and there
@@ -263,35 +342,42 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
     check_name(where, "type", kind, JOINT_TYPES)
-    if name == UNIVERSE and kind in MOVING:
-        raise RobotFileError(f"{where}: pinocchio gives this name to what does not move; rename the joint")
-    parent = read_link(element, where, "parent", links)
-    child = read_link(element, where, "child", links)
-
-    axis = element.find("axis")
-    direction = unit_vector("x")
+    parent, child = (read_link(element, where, end, links) for end in ("parent", "child"))
+    origin = read_origin(element, where)
+    joint = Joint(name, kind, origin, parent=parent, child=child, element=element)
+    if not joint.moves:
+        return joint
+    dynamics = _read_dynamics(element, f"{where}: <dynamics>")
+    joint = replace(joint, dynamics={key: value for key, value in dynamics.items() if value})
     if kind not in MOVING:
-        remove_children(element, "axis")  # it has no meaning, and some exporters write 0 0 0
-    elif axis is not None:
-        direction = read_axis(axis, f"{where}: <axis>")
+        return joint
+    axis, mimic = element.find("axis"), element.find("mimic")
+    if axis is not None:
+        joint = replace(joint, axis=read_axis(axis, f"{where}: <axis>"))
+    if mimic is not None:
+        end = f"{where}: <mimic>"
+        ratio, offset = read_number(mimic, end, "multiplier", "1"), read_number(mimic, end, "offset", "0")
+        joint = replace(joint, mimic=Coupling(name, mimic.get("joint", ""), ratio, offset))
     try:
-        if kind in MOVING:
-            _check_limit(element, where, is_needed=kind != "continuous")
+        return replace(joint, **_read_limits(element, where, is_needed=kind != "continuous"))
     except RobotFileError as error:
         if impossible is None:
             raise
         impossible.append((name, str(error)))
-        remove_children(element, "limit")
-        add_endless_limit(element)
-    element.attrib.pop("independent", None)  # a hint of URDF+, which its reader has read already
-    origin = read_origin(element, where)
-    return Joint(element, name, kind, parent, child, origin, direction)
+        return replace(joint, element=None)
 
 
-def add_endless_limit(joint: Element) -> Element:
-    """Add a `<limit>` that no motion reaches; return the element."""
-    upper = f"{ENDLESS:g}"
-    return SubElement(joint, "limit", lower=f"-{upper}", upper=upper, effort=upper, velocity=upper)
+def _read_dynamics(joint: Element, where: str) -> dict[str, float]:
+    """Read damping and dry friction of a joint, zero by default; refuse negative values."""
+    values: dict[str, float] = {}
+    element = joint.find("dynamics")
+    if element is None:
+        return values
+    for key in ("damping", "friction"):
+        values[key] = read_number(element, where, key, "0")
+        if values[key] < 0:
+            raise RobotFileError(f"{where} {key}: must not be negative, got {values[key]:g}")
+    return values
 
 
 def parse_limit(where: str, text: str) -> float:
@@ -301,29 +387,29 @@ def parse_limit(where: str, text: str) -> float:
     return math.copysign(min(abs(number), ENDLESS), number)
 
 
-def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
-    """Refuse a joint's <limit> without numbers; write `ENDLESS` for larger ones.
+def _read_limits(joint: Element, where: str, *, is_needed: bool) -> dict[str, Any]:
+    """Read the fields `limits`, `effort` and `speed` of a joint in its <limit>, if it has one.
 
     With `is_needed`, missing keys, limits in the wrong order and negative efforts or speeds are refused, too.
     """
     limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
     if limit is None:
-        return
+        return {}
     if is_needed:
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
-    numbers: list[float] = []
-    for key in ("lower", "upper", "effort", "velocity"):
-        number = parse_limit(f"{where}: <limit> {key}", limit.get(key, "0"))
-        numbers.append(number)
-        if abs(number) == ENDLESS:
-            limit.set(key, f"{number:g}")
-    lower, upper, effort, velocity = numbers
-    if is_needed and (lower > upper or effort < 0 or velocity < 0):
+    lower, upper, effort, speed = (
+        parse_limit(f"{where}: <limit> {key}", limit.get(key, "0"))
+        for key in ("lower", "upper", "effort", "velocity")
+    )
+    if not is_needed:
+        return {}
+    if lower > upper or effort < 0 or speed < 0:
         raise RobotFileError(
             f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
-            f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
+            f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {speed:g}"
         )
+    return {"limits": (lower, upper), "effort": effort, "speed": speed}
 
 
 def check_inertial(link: Element, extent: float) -> None:
@@ -336,18 +422,31 @@ def check_inertial(link: Element, extent: float) -> None:
         RobotFileError: the mass or a principal moment is negative, one moment exceeds the sum of the others,
             or a part is missing or malformed.
     """
+    mass, _, inertia = read_inertial(link)
+    where = f"link {link.get('name')!r}"
+    if mass < 0:
+        raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
+    negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
+    check_inertia(f"{where}: <inertia>", inertia, negligible=negligible)
+
+
+def read_inertial(link: Element) -> tuple[float, Array, Array]:
+    """Read a link's mass [kg], the placement (4, 4) of its inertia, and the inertia (3, 3) [kg m^2] there.
+
+    The placement has its origin at the centre of mass. Without an <inertial> all is zero.
+
+    Raises:
+        RobotFileError: a part is missing or malformed.
+    """
     where = f"link {link.get('name')!r}"
     inertial = link.find("inertial")
     if inertial is None:
-        return
-    read_origin(inertial, f"{where}: <inertial>")
+        return 0.0, np.eye(4), np.zeros((3, 3))
+    origin = read_origin(inertial, f"{where}: <inertial>")
     mass = read_number(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
-    if mass < 0:
-        raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
     inertia = child_element(inertial, f"{where}: <inertial>", "inertia")
     values = [read_number(inertia, f"{where}: <inertia>", key) for key in INERTIA_ENTRIES]
-    negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
-    check_inertia(f"{where}: <inertia>", symmetric_matrix(*values), negligible=negligible)
+    return mass, origin, symmetric_matrix(*values)
 
 
 def symmetric_matrix(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
@@ -387,54 +486,28 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         )
 
 
-def declared_dynamics(root: Element) -> JointValues:
-    """Return positive damping and dry friction of <dynamics>, by coordinate.
+def declared_dynamics(tree: Tree) -> JointValues:
+    """Return positive damping and dry friction of <dynamics>, by coordinate."""
+    joints = [joint for joint in tree.joints.values() if joint.dynamics]
+    return {coordinate: dict(joint.dynamics) for joint in joints for coordinate in joint.coordinates}
+
+
+def declared_couplings(tree: Tree, locked: Iterable[str] = ()) -> list[Coupling]:
+    """Return the coupling q = multiplier q_leader + offset of each <mimic>, and remove these elements.
+
+    The leader may be one of the `locked` joints.
 
     Raises:
-        RobotFileError: a value is negative or malformed.
+        RobotFileError: the leader is not a joint that can move.
     """
-    declared = {}
-    for joint in root.findall("joint[dynamics]"):
-        name = joint.get("name", "")
-        coordinates = coordinates_of(name, joint.get("type", ""))
-        if not coordinates:
-            continue
-        where = f"joint {name!r}: <dynamics>"
-        element = child_element(joint, "", "dynamics")
-        values = {}
-        for key in ("damping", "friction"):
-            value = read_number(element, where, key, "0")
-            if value < 0:
-                raise RobotFileError(f"{where} {key}: must not be negative, got {value:g}")
-            if value:
-                values[key] = value
-        if values:
-            declared.update(dict.fromkeys(coordinates, values))
-    return declared
-
-
-def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Remove each <mimic> from a URDF; return the couplings.
-
-    A <mimic> is q = multiplier q_leader + offset. The leader may be one of the `locked` joints.
-
-    Raises:
-        RobotFileError: the leader is not a joint that can move, or a number is malformed.
-    """
-    movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     couplings = []
-    for joint in root.findall("joint[mimic]"):
-        name = joint.get("name", "")
-        mimic = child_element(joint, "", "mimic")
-        joint.remove(mimic)
-        if name not in movable:
-            continue  # fixed joints follow no other
-        where = f"joint {name!r}: <mimic>"
-        leader = mimic.get("joint", "")
-        check_name(where, "movable joint", leader, {*movable, *locked} - {name})
-        ratio = read_number(mimic, where, "multiplier", "1")
-        offset = read_number(mimic, where, "offset", "0")
-        couplings.append(Coupling(name, leader, ratio, offset))
+    for joint in tree.joints.values():
+        if joint.element is not None:
+            remove_children(joint.element, "mimic")
+        if joint.mimic is not None and joint.kind in MOVING:
+            leaders = {*tree.movable, *locked} - {joint.name}
+            check_name(f"joint {joint.name!r}: <mimic>", "movable joint", joint.mimic.of, leaders)
+            couplings.append(joint.mimic)
     return couplings
 
 

@@ -43,6 +43,16 @@ def join(stacks: Sequence[Stack]) -> Stack:
     return make(*(np.concatenate(part) if isinstance(part[0], np.ndarray) else join(part) for part in parts))
 
 
+def mirror_upper(matrices: Array) -> Array:
+    """Copy the upper triangles of matrices (T, k, k) to the lower ones, in place; return the matrices.
+
+    Pinocchio fills the upper triangles of mass matrices only.
+    """
+    row, column = np.tril_indices(matrices.shape[-1], -1)
+    matrices[:, row, column] = matrices[:, column, row]
+    return matrices
+
+
 def read_only(array: _Any) -> _Any:
     """Return a read-only array that owns its data: the same one if possible, else a copy."""
     if array.flags.writeable or not array.flags.owndata:

@@ -17,10 +17,11 @@ from framework.numerics.arrays import Array
 from framework.numerics.sparse_rows import SparseRows
 from framework.numerics.time_limit import check_time
 
-# regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
-# the first pair solves most programs and takes half the time of the others; the last one serves programs
-# whose rows the regularization itself keeps from closing
-REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10), (1e-9, 10))
+# regularization of the solver's linear systems, number of refinements of their solutions, and whether rows
+# and columns are equilibrated first; tried in turn. The first three solve most programs, and the very first
+# takes half the time of the others. The fourth serves programs whose rows the regularization itself keeps
+# from closing, the last one sums of squares beside cones of small weight: equilibrated, these stall at once
+ATTEMPTS = ((1e-8, 0, True), (3e-8, 2, True), (1e-7, 10, True), (1e-9, 10, True), (1e-8, 0, False))
 TOLERANCE = 1e-8  # of a solution, in the units of the optimum
 SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first and the second tolerance
 
@@ -114,8 +115,8 @@ def solve_cone_program(
     check_time()
     objective = _objective(program)
     constraints = _constraints(program)
-    for regularization, refinements in REGULARIZATIONS:
-        settings = _cone_settings(regularization, refinements, tolerance)
+    for attempt in ATTEMPTS:
+        settings = _cone_settings(*attempt, tolerance)
         solution = clarabel.DefaultSolver(*objective, *constraints, settings).solve()
         status = str(solution.status)
         if status in SOLVED or status == "PrimalInfeasible":
@@ -244,12 +245,13 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
     return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
 
 
-def _cone_settings(regularization: float, refinements: int, tolerance: float) -> Any:
+def _cone_settings(regularization: float, refinements: int, equilibrated: bool, tolerance: float) -> Any:
     """Return settings for cone programs.
 
     Args:
         regularization: of the solver's linear systems.
         refinements: number of refinements of their solutions.
+        equilibrated: whether rows and columns are equilibrated first.
         tolerance: of gap and residual; a stalled solution may exceed it by `stalled_ratio`.
     """
     max_iterations = 200
@@ -260,6 +262,7 @@ def _cone_settings(regularization: float, refinements: int, tolerance: float) ->
     settings.iterative_refinement_enable = refinements > 0
     settings.iterative_refinement_max_iter = refinements
     settings.static_regularization_constant = regularization
+    settings.equilibrate_enable = equilibrated
     # fields such as tol_gap_abs of a solution, and reduced_tol_gap_abs of one at which the solver stalls
     for prefix, allowed in (("", tolerance), ("reduced_", stalled_ratio * tolerance)):
         for measure in ("gap_abs", "gap_rel", "feas"):

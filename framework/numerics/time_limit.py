@@ -17,8 +17,6 @@ from types import FrameType
 
 from framework.errors import NoAnswer
 
-NONE_FOUND_YET = "and no law was found yet"
-
 
 class SearchEnded(NoAnswer):
     """A time limit or Ctrl-C ended a search before its first result."""
@@ -56,7 +54,13 @@ def check_time() -> None:
     clock = _clock.get()
     if time.monotonic() > clock.end:
         clock.has_ended = True
-        raise SearchEnded(f"the search was ended after {clock.seconds:g} s, {NONE_FOUND_YET}")
+        raise SearchEnded(f"the search was ended after {clock.seconds:g} s, and no law was found yet")
+
+
+def seconds_ended() -> float | None:
+    """Return the time [s] after which the current search was ended; None if it was not."""
+    clock = _clock.get()
+    return clock.seconds if clock.has_ended else None
 
 
 def report_result(words: str) -> None:

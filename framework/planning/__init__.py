@@ -11,6 +11,9 @@ Open `plan` first: `plan_crossing` in four steps.
        optimal/                  the law of free shape: the cone program
     4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
 
+One record follows a crossing: the search of the path makes a `SingularPoint`, `crossing_points` adds its
+condition (8), and the motion makes of it a `SingularityCrossing` with instant, s', s" and t_s . W_p.
+
 Beside them, `refusals` lists every reason to refuse a plan, and `remedies` tries what is advised then.
 `feasibility` computes the acceleration that a singular point requires of any law, and the least duration.
 `path_modification` bends a path where nothing else helps. `neglected_effects` measures the torques that a

@@ -1,4 +1,3 @@
-from framework.planning.condition import Condition8
 from framework.planning.feasibility import (
     Feasibility,
     OptimalDurations,
@@ -18,6 +17,7 @@ from framework.planning.request import Request
 from framework.planning.result import Crossing, CrossingPlan, Optimality
 from framework.planning.saved import load_plan, save_plan
 from framework.planning.scenes import plan_scene, scene, scene_path, scene_request
+from framework.singularity.points_on_path import Condition8
 
 __all__ = [
     "Column",

@@ -17,14 +17,25 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.polynomial import polynomial
 
+from framework.dynamics.drive_limits import DriveLimits
+from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.motor_friction import PlannedFriction, motor_friction
 from framework.dynamics.motor_limits import shortest_form
 from framework.dynamics.result import Certificate, InverseDynamics
 from framework.errors import InvalidInput, expect, finite_numbers
+from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import Law, compose_derivatives, is_number
-from framework.laws.path import NO_KNOTS, Line, Part, Path, expect_path
+from framework.laws.law import Law, compose_derivatives, is_number, law_derivatives
+from framework.laws.path import (
+    HIGHEST_STATED,
+    NO_KNOTS,
+    Line,
+    Part,
+    Path,
+    expect_path,
+    highest_order,
+)
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
@@ -42,17 +53,24 @@ def restart_plan(
     _check_instant(plan, t)
     robot = plan.robot
     orders = SMOOTHNESS[robot.n_e > 0]
-    motion = [plan.platform(t, k) for k in range(orders + 1)]
+    if robot.n_e and plan.geometry == "deformed" and springs_carry_inertia(track_path(robot, plan.path)):
+        # such springs follow all derivatives of x: torques by 1e-6 those above order 4, by 1e-10 above 8
+        orders = highest_order(plan.path)
+        if path is not None and not isinstance(path, Sequence | np.ndarray):
+            orders = min(orders, highest_order(path))
+    s_rates = law_derivatives(plan.law, np.array(float(t)), orders + 1)
+    by_s = [plan.path(s_rates[0], k) for k in range(orders + 1)]
+    motion = compose_derivatives(by_s, s_rates[1:])
     if path is not None and _is_at_rest(plan, motion[1]):
         raise InvalidInput(f"path: at t = {t:g} s the platform rests, a restart needs s' > 0")
-    if isinstance(path, Sequence | np.ndarray):
-        path = DepartingCurve.to_goal(robot, motion, finite_numbers("path", path, robot.n))
-    elif path is None:
-        s = float(plan.law(t))
+    if path is None:
+        s = float(s_rates[0])
         if not s < 1.0:
             raise InvalidInput(f"path: at t = {t:g} s nothing is left of the plan's own; give another")
         is_line = isinstance(plan.path, Line)
         path = Line(plan.path(s), plan.path(1.0)) if is_line else Part(plan.path, s, 1.0)
+    elif isinstance(path, Sequence | np.ndarray):
+        path = DepartingCurve.to_goal(robot, motion, finite_numbers("path", path, robot.n))
     expect_path(path)
     if "start_speed" in options:
         raise InvalidInput("start_speed: that of a restart is the plan's own, leave it out")
@@ -98,13 +116,6 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     friction = motor_friction(plans[0].robot, plans[0].request.friction)
     dynamics = _join(path, law, friction)
     speed = 1.0 / path.duration
-    crossings = []
-    for plan, start, leave in zip(plans, path.starts.tolist(), leaves, strict=False):
-        for crossing in plan.crossings:
-            if crossing.time < leave:
-                time = start + crossing.time
-                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
-                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
     request = replace(
         plans[0].request,
         path=path,
@@ -126,7 +137,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         plans[0].robot,
         request,
         law,
-        tuple(crossings),
+        dynamics.crossings,
         dynamics,
         dynamics.certificate,
         seconds=sum(plan.seconds for plan in plans),
@@ -141,27 +152,44 @@ class DepartingCurve:
     powers: Array
 
     knots: ClassVar[Array] = NO_KNOTS
+    highest_order: ClassVar[int] = HIGHEST_STATED
 
     @staticmethod
     def to_goal(robot: ParallelRobot, motion: Sequence[Array], goal: Array) -> DepartingCurve:
-        """Return the curve of least degree from a `motion` (n,) each to a goal (n,).
+        """Return a curve from a `motion` (n,) each to a goal (n,).
 
-        The motion is x, x', x", ... At s = 0, where s' = v and all further derivatives of s vanish, its
-        derivatives by s are x'/v, x"/v^2, ... With v = |x'| / |goal - x| the tangent is as long as the way.
+        The motion is x, x', x", ... With p' = x'/v as long as the way w to the goal, the law takes what of
+        x", ... is along p', and the curve begins as c(s) = x + p' s + p" s^2 / 2 + ... with p", ... across
+        p'. A step h(s), flat at both ends, leads to the straight way to the goal: (1 - h) c + h (x + s w).
 
         Raises:
             InvalidInput: the platform rests, or is at the goal.
         """
         x, *rates = motion
         scale = robot.platform_scale
-        way = float(np.linalg.norm((goal - x) / scale))
-        v = float(np.linalg.norm(rates[0] / scale)) / way if way > 0.0 else 0.0
+        way = goal - x
+        length = float(np.linalg.norm(way / scale))
+        v = float(np.linalg.norm(rates[0] / scale)) / length if length > 0.0 else 0.0
         if not v > 0.0:
             raise InvalidInput(
                 f"path: from {x.tolist()} to {goal.tolist()} the platform rests, or has no way to go"
             )
-        powers = [rate / (factorial(k) * v**k) for k, rate in enumerate(motion)]
-        return DepartingCurve(np.array([*powers, goal - np.sum(powers, axis=0)]))
+        by_s, s_rates = [x, rates[0] / v], [np.array(v)]  # p, p', ...; s', s", ...
+        tangent = by_s[1] / scale
+        for order, rate in enumerate(rates[1:], start=2):
+            rest = rate - compose_derivatives([*by_s, np.zeros(robot.n)], [*s_rates, np.zeros(())])[order]
+            s_rates.append((rest / scale) @ tangent / (tangent @ tangent))
+            by_s.append((rest - by_s[1] * s_rates[-1]) / v**order)
+        step = polynomial.polyint(polynomial.polymul([0.0] * len(rates) + [1.0], [1.0, -2.0, 1.0]))
+        step = step / step.sum()
+        curve = np.array(by_s) / [[factorial(k)] for k in range(len(by_s))]  # (m, n) coefficients of s^k
+        to_line = -curve
+        to_line[:2] += [x, way]
+        powers = np.zeros((len(step) + len(curve) - 1, robot.n))
+        powers[: len(curve)] = curve
+        for k, share in enumerate(step):
+            powers[k : k + len(curve)] += share * to_line
+        return DepartingCurve(powers)
 
     @property
     def n(self) -> int:
@@ -285,16 +313,34 @@ def _loosest_drives(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
     """Return options of curves and RMS torques that all plans keep, and their cycle time."""
     all_drives = [specification_of(plan.robot, plan.request).drives for plan in plans]
     loosest: dict[str, Any] = dict.fromkeys(DRIVE_OPTIONS)
-    for option in DRIVE_OPTIONS:
-        if any(getattr(plan.request, option) is not None or plan.request.margin for plan in plans):
-            limits = [np.inf if drives is None else getattr(drives, option) for drives in all_drives]
-            loosest[option] = shortest_form(
-                np.max(np.broadcast_arrays(*limits, np.zeros(plans[0].robot.n_a)), axis=0)
-            )
+    stated = {name for name in DRIVE_OPTIONS for plan in plans if getattr(plan.request, name) is not None}
+    if stated or any(plan.request.margin for plan in plans):
+        unlimited = (np.full(plans[0].robot.n_a, np.inf),) * 4
+        corner, no_load, rms = envelop_drives(
+            [drives or DriveLimits(*unlimited, None) for drives in all_drives]
+        )
+        loosest["rms_torque_limit"] = shortest_form(rms)
+        loosest["corner_speed"], loosest["no_load_speed"] = shortest_form(corner), shortest_form(no_load)
     cycles = [plan.request.cycle_time for plan in plans]
     if any(cycles):
         loosest["cycle_time"] = sum(cycle or plan.duration for cycle, plan in zip(cycles, plans, strict=True))
     return loosest
+
+
+def envelop_drives(drives: Sequence[DriveLimits]) -> tuple[Array, Array, Array]:
+    """Return the least corner speeds, no-load speeds and RMS torques (n_a,) that admit what each drive does.
+
+    A curve admits |T| <= T_0 and |w + k T| <= w_0 (`dynamics.drive_limits`). Its corners at w > 0 are
+    (w_0 - k T_0, T_0) and, braking, (w_0 + k T_0, -T_0). With the least k of all curves and the largest T_0
+    the second corner is the one that needs the larger w_0: w_0 + (k - least k) T_0.
+    """
+    torque, corner, no_load, rms = (np.array(values) for values in list(zip(*drives, strict=True))[:4])
+    has_curve = np.isfinite(no_load).all(axis=0)  # (n_a,) in every plan; the arrays above are (plans, n_a)
+    with np.errstate(invalid="ignore"):  # of motors without a curve
+        k = (no_load - corner) / torque
+        widened = np.max(no_load + (k - k.min(axis=0)) * torque, axis=0)
+        corner_speed = np.where(has_curve, widened - k.min(axis=0) * torque.max(axis=0), np.inf)
+    return corner_speed, np.where(has_curve, widened, np.inf), rms.max(axis=0)
 
 
 def _check_instant(plan: CrossingPlan, t: float) -> None:
@@ -354,11 +400,13 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
         return TimeFunction(np.concatenate([*edges, [path.duration]]), np.concatenate(padded))
 
     crossings = []
-    for piece, start, leave in zip(path.pieces, path.starts.tolist(), path.leaves, strict=False):
-        for crossing in piece.crossings:
+    speed = 1.0 / path.duration
+    for plan, start, leave in zip(path.plans, path.starts.tolist(), path.leaves, strict=False):
+        for crossing in plan.crossings:
             if crossing.time < leave:
                 time = start + crossing.time
-                crossings.append(replace(crossing, time=time, s=time / path.duration))
+                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
+                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
     motor_angles = join([piece.motor_angles for piece in path.pieces])
     certificates = [asdict(piece.certificate) for piece in path.pieces]
     worst = {name: max(each[name] for each in certificates) for name in certificates[0]}

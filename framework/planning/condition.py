@@ -13,7 +13,7 @@ the coefficients, as in toppra. Only viscous damping and changing deflections co
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,38 +24,10 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 from framework.laws.path import time_derivatives
-from framework.numerics.arrays import Array
-from framework.singularity.points_on_path import SingularPoint
+from framework.numerics.arrays import Array, freeze
+from framework.singularity.points_on_path import Condition8, SingularPoint
 from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
-
-Speed = TypeVar("Speed", float, Array)
-
-
-class Condition8(NamedTuple):
-    """Coefficients of condition (8), t_s . W_p = alpha s" + beta s'^2 + delta s' + gamma.
-
-    The unit is N, or N m where t_s is a pure turn. A coefficient of the size of rounding is set to zero.
-    """
-
-    alpha: float
-    beta: float
-    gamma: float
-    delta: float
-
-    @property
-    def holds_anyway(self) -> bool:
-        """Whether t_s . W_p vanishes for all s' and s", as on a straight path orthogonal to t_s."""
-        return not any(self)
-
-    def acceleration(self, speed: Speed) -> Speed:
-        """Return the s" [1/s^2] that meets the condition at speeds s' [1/s]; 0 if any s" does.
-
-        alpha must not be zero, unless all coefficients are; `require_effect` ensures it.
-        """
-        if self.holds_anyway:
-            return 0.0 * speed
-        return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
 
 
 class Deflection(NamedTuple):
@@ -78,52 +50,38 @@ def imposed_point(branch: Branch, s: float) -> SingularPoint:
     motion that the motors control least.
     """
     pose = branch.close(s).linearised
+    freeze(pose)
     least = uncontrolled_motion(branch.robot, pose)._replace(corank=1)
     return SingularPoint.of(branch, s, pose, least, contact="imposed", slope=np.nan)
 
 
-def condition_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
-    """Compute the coefficients of condition (8); refuse a condition that s" cannot meet.
+def require_effect(branch: Branch, crossing: SingularPoint, *, deflected: bool) -> SingularPoint:
+    """Return a crossing point unchanged; refuse one whose condition (8) no s" meets.
 
     Args:
-        crossing: the point at which the condition holds.
-        deflection: deflections at the crossing; None for springs at rest.
-
-    Raises:
-        NoLaw: s" has no effect on t_s . W_p, so that no law can meet the condition.
-        NotConverged: s" has no effect with these deflections.
-    """
-    condition = coefficients_at(branch, crossing, deflection)
-    return require_effect(branch, crossing, condition, deflected=deflection is not None)
-
-
-def require_effect(
-    branch: Branch, crossing: SingularPoint, condition: Condition8, *, deflected: bool
-) -> Condition8:
-    """Return a condition (8) unchanged; refuse a condition that no s" meets.
-
-    Args:
-        crossing: the point at which the condition holds.
+        crossing: the point, with its condition.
         deflected: whether the condition was computed with deflections.
 
     Raises:
         NoLaw: s" has no effect on t_s . W_p (alpha = 0), so that no law can meet the condition.
         NotConverged: s" has no effect with these deflections; with others it may have one.
     """
-    robot = branch.robot
-    if condition.holds_anyway or condition.alpha != 0.0:
-        return condition
+    robot, condition = branch.robot, crossing.condition
+    if condition is None or condition.holds_anyway or condition.alpha != 0.0:
+        return crossing
     axes, x = ", ".join(robot.axis_names), point(branch.path(crossing.s))
-    where = f"{robot.name}: at s = {crossing.s:.6g}, {axes} = {x}"
+    where = f"at s = {crossing.s:.6g}, {axes} = {x}"
     if deflected and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
             f"runs orthogonal to t_s",
+            name=robot.name,
             residual=0.0,  # no iteration failed: the pose is exact, and alpha is 0
         )
     raise NoLaw(
-        f'{where} the path runs orthogonal to t_s: s" has no effect on t_s . W_p there; cross in another '
-        f"direction"
+        f'{where} the path runs orthogonal to t_s: s" has no effect on t_s . W_p there',
+        name=robot.name,
+        clauses=("cross in another direction",),
     )
 
 

@@ -7,15 +7,14 @@ such a singularity form the locus.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.planning.condition import Condition8, coefficients_at, imposed_point
+from framework.planning.condition import coefficients_at, imposed_point
 from framework.planning.refusals import UnmetCondition
 from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
@@ -34,7 +33,8 @@ class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
     searched: the path with its singular points, under the wrenches of the request.
-    crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user.
+    crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user, each
+        with the condition of the undeformed robot; so have those singular points at which it is to hold.
     explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 
@@ -51,13 +51,6 @@ class PathToCross:
     def points(self) -> tuple[SingularPoint, ...]:
         """The singular points of the undeformed robot on the path."""
         return self.searched.points
-
-    @cached_property
-    def undeformed_crossings(self) -> list[tuple[SingularPoint, Condition8]]:
-        """The crossing points of the undeformed robot, each with its condition (8)."""
-        return [
-            (point, coefficients_at(self.branch, point, deflection=None)) for point in self.crossing_points
-        ]
 
 
 def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool = True) -> PathToCross:
@@ -88,11 +81,24 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
             are = "is" if count == 1 else "are"
             counted = _count_points(searched.points, imposed)
             raise InvalidInput(f"{name}: got {len(values)} ({listed}), but there {are} {counted}")
-    if imposed is not None:
-        return PathToCross(searched, [imposed_point(searched.branch, s) for s in imposed], explained)
-    for singular in searched.points:
-        check_crossable(searched.branch, singular)
-    return PathToCross(searched, searched.points, explained)
+    branch = searched.branch
+    if imposed is None:
+        for singular in searched.points:
+            check_crossable(branch, singular)
+        to_cross = searched.points
+    else:
+        to_cross = tuple(imposed_point(branch, s) for s in imposed)
+    to_cross = tuple(replace(point, condition=coefficients_at(branch, point, None)) for point in to_cross)
+    points = (
+        to_cross if imposed is None else tuple(_with_imposed(point, to_cross) for point in searched.points)
+    )
+    return PathToCross(searched._replace(points=points), to_cross, explained)
+
+
+def _with_imposed(singular: SingularPoint, imposed: Sequence[SingularPoint]) -> SingularPoint:
+    """Return a singular point with the condition that is imposed there, if any."""
+    conditions = [point.condition for point in imposed if abs(point.s - singular.s) < SAME_PLACE]
+    return replace(singular, condition=conditions[0]) if conditions else singular
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
@@ -125,8 +131,9 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     alpha, beta, gamma, _delta = coefficients_at(branch, singular, deflection=None)
     unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
     raise NoLaw(
-        f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; no law can "
-        f"rest on the locus: move the path's end",
+        f"at s = {singular.s:.6g} the path {end} on a Type 2 singularity",
+        clauses=("no law can rest on the locus: move the path's end",),
+        name=branch.robot.name,
         # at rest condition (8) is gamma = 0; if it is met by chance, the refusal has no proof
         proof=unmet if gamma else None,
     )
@@ -149,15 +156,20 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
     for singular in points:
         if singular.is_imposed:
             continue
-        where = f"{robot.name}: at s = {singular.s:.6g}"
+        where = f"at s = {singular.s:.6g}"
         if singular.corank > 1:
             raise NoLaw(
                 f"{where} {singular.corank} motions are uncontrolled at once, each with a condition (8) of "
-                f"its own, and the polynomial meets one, the optimal law each"
+                f"its own, and the polynomial meets one, the optimal law each",
+                name=robot.name,
             )
         if singular.contact == "tangential":
             raise NoLaw(
-                f"{where} the path touches the locus without crossing it; finite torques ask for condition "
-                f"(8) and its time derivative at once, and the polynomial meets the first, the optimal law "
-                f"both; or move the path off the locus or across it"
+                f"{where} the path touches the locus without crossing it",
+                name=robot.name,
+                clauses=(
+                    "finite torques ask for condition (8) and its time derivative at once, and the "
+                    "polynomial meets the first, the optimal law both",
+                    "or move the path off the locus or across it",
+                ),
             )

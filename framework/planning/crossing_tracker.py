@@ -12,7 +12,7 @@ are enough for passes to settle forty times worse, or not at all.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,12 +23,10 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, type2_matrix
 from framework.kinematics.motion_rates import solve_rates
 from framework.numerics.arrays import Array
-from framework.planning.condition import Condition8, Deflection, coefficients_at
+from framework.planning.condition import Deflection, coefficients_at, require_effect
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import least_controlled_motion
-
-PlannedCrossing = tuple[SingularPoint, Condition8]  # the condition that holds at the point
 
 
 class TrackedPoints(NamedTuple):
@@ -44,7 +42,9 @@ class TrackedPoints(NamedTuple):
     def from_undeformed(branch: Branch, points: Sequence[SingularPoint]) -> TrackedPoints:
         """Return the singular points of the undeformed robot as they were found."""
         s = np.array([point.s for point in points])
-        pose = linearised_at(branch.robot, np.array([point.q for point in points]), branch.path(s))
+        pose = points[0].pose  # the stack of one
+        if len(points) > 1:
+            pose = linearised_at(branch.robot, np.array([point.q for point in points]), branch.path(s))
         slopes = np.array([point.slope for point in points])
         return TrackedPoints(s, pose, np.zeros((len(s), branch.robot.n_e)), slopes)
 
@@ -97,8 +97,9 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
             last_size = size
     worst = start.s[np.argmax(np.nan_to_num(np.abs(step), nan=np.inf))]
     raise NoLaw(
-        f"{robot.name}: the deflected robot has no singular point near s = {worst:.6g}; the deflections are "
-        f"too large for the path to cross the locus there"
+        f"the deflected robot has no singular point near s = {worst:.6g}",
+        clauses=("the deflections are too large for the path to cross the locus there",),
+        name=robot.name,
     )
 
 
@@ -120,16 +121,16 @@ class CrossingTracker:
     points: the crossing points of the undeformed robot.
     times: (k,) [s] of the crossings.
     tracked: the singular points with the last deflections; None before the first ones.
-    conditions: (8) at these.
+    crossings: the points with the last deflections, each with its condition (8).
     """
 
     branch: Branch
     points: Sequence[SingularPoint]
     times: Array
     tracked: TrackedPoints | None = None
-    conditions: tuple[Condition8, ...] = ()
+    crossings: list[SingularPoint] = field(default_factory=list)
 
-    def follow(self, deflections: Callable[[Any, int], Array]) -> list[PlannedCrossing]:
+    def follow(self, deflections: Callable[[Any, int], Array]) -> list[SingularPoint]:
         """Return the crossing points of the deflected robot, each with its condition (8).
 
         Args:
@@ -137,6 +138,7 @@ class CrossingTracker:
 
         Raises:
             NoLaw: the deflected robot has no singular point there.
+            NotConverged: s" has no effect on the condition with these deflections.
         """
         branch, points = self.branch, self.points
         if not points:
@@ -146,7 +148,9 @@ class CrossingTracker:
             start = self.tracked or TrackedPoints.from_undeformed(branch, points)
             self.tracked = track_points(branch, start, at_crossings.value)
             points = describe_points(branch, self.tracked)
-        each = [Deflection(*values) for values in zip(*at_crossings, strict=True)]
-        conditions = [coefficients_at(branch, *at) for at in zip(points, each, strict=True)]
-        self.conditions = () if points[0].is_imposed else tuple(conditions)
-        return list(zip(points, conditions, strict=True))
+        self.crossings = []
+        for point, at_crossing in zip(points, zip(*at_crossings, strict=True), strict=True):
+            condition = coefficients_at(branch, point, Deflection(*at_crossing))
+            crossing = replace(point, condition=condition)
+            self.crossings.append(require_effect(branch, crossing, deflected=True))
+        return self.crossings

@@ -21,10 +21,10 @@ from framework.errors import NoLaw, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
-from framework.planning.condition import Condition8, coefficients_at
+from framework.planning.condition import coefficients_at
 from framework.planning.crossing_points import PathToCross, is_at_path_end
 from framework.planning.request import Request, specification_of
-from framework.singularity.points_on_path import SearchedPath, SingularPoint
+from framework.singularity.points_on_path import Condition8, SearchedPath, SingularPoint
 from framework.tolerances import RANK_ROUNDING
 
 

@@ -171,8 +171,9 @@ def _choose_path(
     if beyond is not None:
         return beyond
     raise NoLaw(
-        f"{robot.name}: of {tracked} lines in joints without motors, and {len(folds)} ways by a stretched or "
-        f"folded leg, none that a law can pass leads to the other working mode"
+        f"of {tracked} lines in joints without motors, and {len(folds)} ways by a stretched or "
+        f"folded leg, none that a law can pass leads to the other working mode",
+        name=robot.name,
     )
 
 

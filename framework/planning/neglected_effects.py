@@ -34,16 +34,15 @@ from framework.dynamics.elasticity import Pass, evaluate_pass
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.motor_friction import speed_signs
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged
 from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of, law_derivatives
+from framework.laws.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of
 from framework.model.description import FLEXIBILITIES
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
-from framework.planning.condition import Deflection, condition_at
-from framework.planning.crossing_tracker import TrackedPoints, describe_points, track_points
+from framework.planning.crossing_tracker import CrossingTracker
 from framework.planning.refusals import check_advance
 from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
@@ -283,63 +282,51 @@ class ModelOnMotion:
     def _correct_law(self, deflections: TimeFunction) -> CorrectedLaw:
         """Correct the law to meet the model's condition (8) under deflections over time.
 
-        At each crossing, s, s' and s" change from the planned values to those of `_correct_crossing`.
+        At each crossing s and s" become those of the model's singular point nearest to it, as deflected; s'
+        stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
 
         Args:
             deflections: deflections (n_e) [m, rad] as a function of time.
 
         Raises:
-            NoAnswer: as `_correct_crossing`.
-            NotConverged: two crossings meet one singular point, or the law turns back.
+            NoAnswer: the model has no such singular point, or no s" meets its condition (8); two crossings
+                meet one singular point, or the law turns back.
         """
-        law, crossings = self.dynamics.law, self.dynamics.crossings
+        crossings = self.dynamics.crossings
         times = np.array([crossing.time for crossing in crossings])
-        planned = np.transpose(law_derivatives(law, times))  # (k, 3): s, s', s"
+        nearest = [
+            min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
+            for crossing in crossings
+        ]
+        singular = [point for point in nearest if point is not None and point.corank == 1]
+        if len(singular) < len(crossings):
+            raise NotConverged("the model has no simple singular point at the crossing")
+        points = CrossingTracker(self.searched.branch, singular, times).follow(deflections)
+        # (k, nv) [N m or N] of the joints at the crossings
+        friction = np.zeros((len(times), self.robot.nv))
+        if self.friction is not None:
+            friction = self.friction * self._rate_signs(times)
+
+        planned = np.array([(each.s, each.speed, each.acceleration) for each in crossings]).reshape(-1, 3)
         corrected = planned.copy()
-        for row, crossing in zip(corrected, crossings, strict=True):  # a row is a view of `corrected`
-            row[:] = self._correct_crossing(crossing, row, deflections)
+        for row, point, force in zip(corrected, points, friction, strict=True):  # views of `corrected`
+            condition = point.condition
+            assert condition is not None  # of a followed point
+            condition = condition._replace(gamma=condition.gamma + float(force @ point.motion))
+            row[0] = point.s
+            if not condition.holds_anyway:
+                if condition.alpha == 0.0:
+                    raise NotConverged("no acceleration at the crossing meets the model's condition (8)")
+                row[2] = condition.acceleration(row[1])
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
         has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
-        corrected_law = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
+        law = CorrectedLaw.of(self.dynamics.law, times, corrected - planned, SMOOTHNESS[has_springs])
         try:
-            check_advance(corrected_law, list(corrected[:, 0]), self.robot.name)
+            check_advance(law, list(corrected[:, 0]))
         except NoLaw as refusal:
-            raise NotConverged(f"the corrected law turns back: {refusal}") from None
-        return corrected_law
-
-    def _correct_crossing(
-        self, crossing: SingularityCrossing, planned: Array, deflections: TimeFunction
-    ) -> tuple[float, float, float]:
-        """Compute s, s' and s" that the model needs at the instant of a crossing.
-
-        s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
-
-        Args:
-            planned: s, s' and s" (3,) of the planned law.
-            deflections: deflections (n_e) [m, rad] as a function of time.
-
-        Raises:
-            NoAnswer: the model has no such singular point, or no s" meets its condition (8).
-        """
-        branch = self.searched.branch
-        _s, speed, acceleration = planned
-        singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
-        if singular is None or singular.corank > 1:
-            raise NotConverged("the model has no simple singular point at the crossing")
-        deflection = Deflection.evaluate(deflections, crossing.time)
-        at_rest = TrackedPoints.from_undeformed(branch, [singular])
-        tracked = track_points(branch, at_rest, deflection.value[None])
-        (point,) = describe_points(branch, tracked)
-        condition = condition_at(branch, point, deflection)
-        if self.friction is not None:
-            friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
-            condition = condition._replace(gamma=condition.gamma + friction @ point.motion)
-        if not condition.holds_anyway:
-            if condition.alpha == 0.0:
-                raise NotConverged("no acceleration at the crossing meets the model's condition (8)")
-            acceleration = condition.acceleration(speed)
-        return point.s, speed, acceleration
+            raise NotConverged(f"the corrected law turns back: {refusal.sentence}") from None
+        return law
 
 
 # ------------------------------------------------------------------ the effects

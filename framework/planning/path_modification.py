@@ -104,8 +104,7 @@ def plan_request_with_modified_path(
         if modified is not None:
             return modified
         tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
-        complaint = f"{refusal}; nor does a bend of {tried} % of its length help"
-        raise NoLaw(complaint, proof=proof) from None
+        raise refusal.adding(f"nor does a bend of {tried} % of its length help").advising(None) from None
 
 
 class _Modification(NamedTuple):

@@ -4,7 +4,7 @@ The singular points are those of Type 2 on the path, where the measure g vanishe
 least, but not zero. Condition (8) on s' and s" keeps the torques finite there (`condition`).
 
 There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses between them. A third
-kind would need a `PlannedLaw`, a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in
+kind would need a `PlannedLaw`, a function like `plan_polynomial`, a name in `options.LAWS`, and a reader in
 `saved`.
 """
 
@@ -35,7 +35,7 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid
-from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
+from framework.numerics.time_limit import SearchEnded, limit_time, seconds_ended
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.joint_path import JointPath, with_platform_joints
@@ -49,8 +49,6 @@ from framework.singularity.points_on_path import SearchedPath, check_branch, sea
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
 
-ADVANCES = "the polynomial advances"  # the reason of a plan with the polynomial
-NEARLY_STOPS = "nearly stops"
 FREE_LAW_CROSSINGS = 3  # from which the optimal law of a rigid robot comes before a search for a polynomial
 
 
@@ -117,25 +115,20 @@ def plan_request(
     to_cross = path_to_cross(searched, request, explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
-        with limit_time(request.time_limit) as clock:
+        with limit_time(request.time_limit):
             plan = _plan_best(to_cross, request)
-    except SearchEnded as end:
-        raise SearchEnded(f"{robot.name}: {end}") from None
-    except UncontrolledMotions:  # a NoLaw that a single condition (8) does not explain
+    except NoAnswer as refusal:
+        refusal.name = refusal.name or robot.name
+        # of several uncontrolled motions one condition (8) explains nothing
+        if isinstance(refusal, NoLaw) and not isinstance(refusal, UncontrolledMotions):
+            at_points = feasibility_on_path(searched)
+            refusal.adding(*(point.short_sentence for point in at_points if point is not None))
+            refusal.advising(find_remedy(refusal, searched, request))
+        elif isinstance(refusal, UnboundedTorque):
+            refusal.advising(find_remedy(refusal, searched, request))
         raise
-    except NoLaw as refusal:
-        at_points = feasibility_on_path(searched)
-        conditions = [feasibility.short_sentence for feasibility in at_points if feasibility is not None]
-        refusal.args = ("; ".join([str(refusal), *conditions]),)
-        raise refusal.advising(find_remedy(refusal, searched, request)) from None
-    except UnboundedTorque as pole:
-        raise pole.advising(find_remedy(pole, searched, request)) from None
     check_limits(plan)
-    plan = replace(plan, seconds=time.perf_counter() - started)
-    if clock.has_ended and not plan.reason.endswith(NONE_FOUND_YET):
-        ended = f"the search was ended after {clock.seconds:g} s, there may be better laws"
-        return replace(plan, reason=f"{plan.reason}; {ended}")
-    return plan
+    return replace(plan, seconds=time.perf_counter() - started)
 
 
 def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
@@ -155,29 +148,33 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
 
+    may_be_optimal = request.may_be_optimal
     # polynomials through several points seldom advance, and to search for one takes longer than a free law
     is_searched = (
         len(to_cross.crossing_points) < FREE_LAW_CROSSINGS
         or to_cross.branch.robot.n_e > 0
-        or not request.may_be_optimal
+        or not may_be_optimal
     )
     try:
-        plan = _plan_polynomial(to_cross, request, searched=is_searched)
+        plan = plan_polynomial(to_cross, request, searched=is_searched)
     except (NoLaw, NotConverged) as refusal:
-        if not request.may_be_optimal:
+        if not may_be_optimal:
             raise
         return _plan_after_refusal(to_cross, request, refusal, is_searched=is_searched)
 
     excess = _limit_ratio(plan)
     if excess > 1.0:
         needs = f"the polynomial needs {excess:.4g} times the limits"
-        if request.may_be_optimal:
+        if may_be_optimal:
             return _plan_optimal(to_cross, request, needs)
         raise NoLaw(
-            f"{plan.robot.name}: {needs}{_drives_text(plan)}; torque_limit and speed_limit none (inf in "
-            f"Python) lift those of the robot file, rms_torque_limit none that of RMS torques"
+            f"{needs}{_drives_text(plan)}",
+            clauses=(
+                "torque_limit and speed_limit none (inf in Python) lift those of the robot file, "
+                "rms_torque_limit none that of RMS torques",
+            ),
         )
-    if not request.may_be_optimal or request.speeds is not None or request.times is not None:
+    if not may_be_optimal or request.speeds is not None or request.times is not None:
         return plan
     return _improve_polynomial(to_cross, plan)
 
@@ -191,13 +188,13 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
     speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness, plan.request.ends)
     if plan.crossings and speed_ratio < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
-            f"the polynomial {NEARLY_STOPS}: its least speed is {speed_ratio:.2g} of its mean, its largest "
+            f"the polynomial nearly stops: its least speed is {speed_ratio:.2g} of its mean, its largest "
             f"torque {_peak_text(plan)}"
         )
         try:
             return _plan_optimal(to_cross, plan.request, nearly_stops)
         except NoAnswer as refusal:
-            return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal}")
+            return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal.sentence}")
     miss = miss_of_peak(plan, to_cross.searched.near_misses)
     return plan if miss is None else _plan_lower_peak(to_cross, plan, miss)
 
@@ -217,20 +214,17 @@ def _plan_after_refusal(
     """
     is_unresolved = isinstance(refusal, NotConverged)
     failure = "the polynomial is not resolved" if is_unresolved else "there is no polynomial"
-    # the first clause of a refusal is the reason, the others are advice
-    why = str(refusal).removeprefix(f"{to_cross.branch.robot.name}: ").partition("; ")[0]
+    why = f"optimal, as {failure} over {request.fixed_duration:g} s: {refusal.message}"
     try:
-        return _plan_optimal(
-            to_cross, request, f"optimal, as {failure} over {request.fixed_duration:g} s: {why}"
-        )
+        return _plan_optimal(to_cross, request, why)
     except UncontrolledMotions:
         raise
     except SearchEnded as end:
-        raise SearchEnded(f"{why}; {end}") from None
+        raise SearchEnded(refusal.message, clauses=(end.sentence,)) from None
     except (NoLaw, NotAssembled, NotConverged) as optimal_refusal:
         if not is_searched:
             return _plan_polynomial_within_limits(to_cross, request, optimal_refusal)
-        refusal.args = (f"{refusal}; nor does the optimal law help: {optimal_refusal}",)
+        refusal.adding(f"nor does the optimal law help: {optimal_refusal.sentence}")
         if isinstance(refusal, NoLaw):
             refusal.proof = refusal.proof or getattr(optimal_refusal, "proof", None)
             refusal.evidence = getattr(optimal_refusal, "evidence", None)
@@ -252,12 +246,12 @@ def _plan_polynomial_within_limits(
     if request.duration is None:
         raise refusal
     try:
-        plan = _plan_polynomial(to_cross, request)
+        plan = plan_polynomial(to_cross, request)
     except NoAnswer:
         raise refusal from None
     if _limit_ratio(plan) > 1.0:
         raise refusal
-    return replace(plan, reason=f"the polynomial, as the optimal law is not found: {refusal}")
+    return replace(plan, reason=f"the polynomial, as the optimal law is not found: {refusal.sentence}")
 
 
 def _limit_ratio(plan: CrossingPlan) -> float:
@@ -287,12 +281,12 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
     try:
         optimal = _plan_optimal(to_cross, polynomial.request, f"{why}; this one's is lower")
     except NoAnswer as refusal:
-        return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
+        return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal.sentence}")
     assert optimal.optimality is not None
     reference = optimal.optimality.reference
     if max_torque_ratio(optimal, reference) < max_torque_ratio(polynomial, reference):
         return optimal
-    return replace(polynomial, reason=f"{why}; the optimal law's is {_peak_text(optimal)}")
+    return replace(polynomial, reason=f"{why}; the optimal law's is {_peak_text(optimal)}{_ended_text()}")
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
@@ -331,28 +325,6 @@ def _peak_text(plan: CrossingPlan) -> str:
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
-def _plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
-    """Plan with the polynomial law; the plan states the reason for this choice.
-
-    Args:
-        searched: whether open times and speeds are searched if none of the first ones will do.
-
-    Raises:
-        InvalidInput, NoAnswer: as `plan_crossing`.
-    """
-    plan = plan_polynomial(to_cross, request, searched=searched)
-    speed_ratio = plan.law.least_speed_ratio(request.smoothness, request.ends)
-    reason = ADVANCES if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
-    if request.kind == "polynomial":
-        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
-        least_degree = 2 * request.smoothness + 1 + 3 * len(to_cross.crossing_points)
-        if plan.law.degree > least_degree:
-            reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
-        if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
-            reason += f"; it {NEARLY_STOPS}, at {speed_ratio:.2g} of its mean speed"
-    return replace(plan, reason=reason)
-
-
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
     """Plan with the optimal law.
 
@@ -368,7 +340,14 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
     specification = specification_of(to_cross.branch.robot, request)
     dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
     optimality = Optimality(specification, best.reference, best.gap)
+    reason += _ended_text()
     return certified_plan(to_cross, request, dynamics, law, timing=(), reason=reason, optimality=optimality)
+
+
+def _ended_text() -> str:
+    """Return the clause of a search that was ended after its first result; empty if it was not."""
+    seconds = seconds_ended()
+    return "" if seconds is None else f"; the search was ended after {seconds:g} s, there may be better laws"
 
 
 @takes_options
@@ -397,7 +376,10 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
         InvalidInput, NoAnswer: as `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
-    law, _timing, _high = undeformed_polynomial(to_cross, request)
+    try:
+        law, _timing = undeformed_polynomial(to_cross, request)
+    except NoLaw as refusal:
+        raise refusal.naming(searched.branch.robot.name) from None
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)
 
 
@@ -409,7 +391,7 @@ def check_limits(plan: CrossingPlan) -> None:
     exceeded = plan.exceeded if plan.request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
-        raise LimitsExceeded(f"{plan.robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
+        raise LimitsExceeded(f"the motion leaves limits: {listed}", name=plan.robot.name, exceeded=exceeded)
 
 
 def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:

@@ -175,8 +175,9 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     if [point.contact for point in searched.points] != ["transversal"]:
         met = [f"at s = {point.s:.6g} ({point.contact})" for point in searched.points]
         raise NoAnswer(
-            f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
-            f"one meets it {', '.join(met) or 'nowhere'}"
+            f"a lesson needs a path that crosses the singular locus once (transversal); this "
+            f"one meets it {', '.join(met) or 'nowhere'}",
+            name=robot.name,
         )
     # a robot and a plan for each gravity
     robots, plans = {}, {}

@@ -7,16 +7,16 @@ crossings that the user leaves open are chosen so that the law always advances.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import choose_failure, resolve
+from framework.dynamics.inverse_dynamics import choose_failure, resolve, resolve_law
 from framework.dynamics.restoration import solve_balance
-from framework.dynamics.result import SingularityCrossing
+from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
@@ -26,7 +26,7 @@ from framework.numerics.chebyshev import TimeFunction
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
-from framework.planning.crossing_tracker import CrossingTracker, PlannedCrossing
+from framework.planning.crossing_tracker import CrossingTracker
 from framework.planning.options import OPTIMAL_LAW
 from framework.planning.refusals import check_advance
 from framework.planning.request import Request, share_load
@@ -67,96 +67,117 @@ def plan_polynomial(
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    law, timing, high = undeformed_polynomial(to_cross, request, searched=searched)
+    law, timing = undeformed_polynomial(to_cross, request, searched=searched)
+    least_degree = request.ends.least_degree(request.smoothness, len(to_cross.crossing_points))
+    names = ("geometry", "tolerance", "friction")
+    options: dict[str, Any] = {name: getattr(request, name) for name in names}  # of `resolve`
+    crossed: Sequence[SingularPoint] = ()  # of the deformed robot
     first_failure = None
     while True:
         try:
-            return _plan_through(to_cross, request, law, timing, high)
+            if request.geometry == "deformed":
+                dynamics, timing, crossed = _resolve_deformed(to_cross, request, options, law, timing)
+            else:
+                dynamics = resolve_law(to_cross.searched, law, **options)
+            dynamics = share_load(dynamics, request, optimal=False)
+            break
         except SpringsTooSoft:  # whatever the law
             raise
         except NotConverged as failure:
             first_failure = first_failure or failure
         raised = None
         if request.times:
-            raised = _raise_degree(_undeformed_crossings(to_cross), request, above=law.degree)
+            raised = _raise_degree(to_cross.crossing_points, request, above=law.degree)
         if raised is None:
             raise first_failure
-        law, timing, high = raised
+        law, timing = raised
+    planned = dynamics.law
+    assert isinstance(planned, Law)
+    reason = _reason_for_law(planned, request, least_degree)
+    return certified_plan(to_cross, request, dynamics, planned, timing, crossed=crossed, reason=reason)
 
 
-def _plan_through(
+def _resolve_deformed(
     to_cross: PathToCross,
     request: Request,
+    options: Mapping[str, Any],
     undeformed: Law,
     timing: tuple[CrossingTime, ...],
-    high: Array,
     *,
     raises_left: int = 2,
-) -> CrossingPlan:
-    """Plan with the polynomial through crossings at given times and speeds.
+) -> tuple[InverseDynamics, tuple[CrossingTime, ...], Sequence[SingularPoint]]:
+    """Compute torques of the polynomial through crossings of the deflected robot at given times and speeds.
 
     Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
     of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
     solved for together. The last law must advance.
 
     Args:
+        options: of `resolve`.
         undeformed: the law through the crossing points of the undeformed robot.
         timing: times and speeds of the crossings.
-        high: coefficients of the law above its least degree.
         raises_left: how often both may be found anew if deflections make the law turn back.
+
+    Returns:
+        The motion; times and speeds of its crossings; the crossing points with the last deflections, none if
+        the user imposes them.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    name = to_cross.branch.robot.name
+    high = undeformed.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None) -> Law:
         """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
-        if deflections is None or request.geometry != "deformed":
+        if deflections is None:
             return undeformed
-        return _solve_law(_deformed_crossings(tracker, deflections), timing, request, name, high)
+        return _solve_law(tracker.follow(deflections), timing, request, high)
 
-    # torques and certificate, of a law that each pass chooses or of a fixed one
-    resolve_with = partial(
-        resolve,
-        to_cross.searched,
-        geometry=request.geometry,
-        tolerance=request.tolerance,
-        friction=request.friction,
-    )
     try:
-        dynamics = resolve_with(choose_law)
+        dynamics = resolve(to_cross.searched, choose_law, **options)
     except (NotConverged, UnboundedTorque) as failure:
-        if request.geometry != "deformed" or request.at is not None:  # s" at imposed points is prescribed
+        if request.at is not None:  # s" at imposed points is prescribed
             raise
         try:
             balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
-            dynamics = resolve_with(lambda _: balanced, known=deflections)
+            dynamics = resolve(to_cross.searched, lambda _: balanced, **options, known=deflections)
         except SearchEnded:
             raise
         except NoAnswer as second:  # raise the failure that says more
             raise choose_failure(failure, second) from None
-    dynamics = share_load(dynamics, request, optimal=False)
     law = dynamics.law
     assert isinstance(law, Law)
-    if request.geometry == "deformed":  # else the first law, which is checked
-        try:
-            _check_advance(law, request, dynamics.crossings, name)
-        except NoLaw:
-            if request.times is None or not raises_left:
-                raise
-            deformed = _deformed_crossings(tracker, dynamics.deflection)
-            raised = _raise_degree(deformed, request, above=law.degree - 1)
-            if raised is None:
-                raise
-            _, timing, high = raised
-            law = _solve_law(_undeformed_crossings(to_cross), timing, request, name, high)
-            return _plan_through(to_cross, request, law, timing, high, raises_left=raises_left - 1)
-    # the last pass has found the conditions, unless the motion meets other points or the user imposes some
-    handed_on = tracker.conditions if len(dynamics.crossings) == len(tracker.conditions) else None
-    return certified_plan(to_cross, request, dynamics, law, timing, conditions=handed_on)
+    try:
+        if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:
+            check_advance(law, [crossing.s for crossing in dynamics.crossings])
+    except NoLaw:
+        if request.times is None or not raises_left:
+            raise
+        raised = _raise_degree(tracker.follow(dynamics.deflection), request, above=law.degree - 1)
+        if raised is None:
+            raise
+        advancing, timing = raised
+        high = advancing.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
+        law = _solve_law(to_cross.crossing_points, timing, request, high)
+        return _resolve_deformed(to_cross, request, options, law, timing, raises_left=raises_left - 1)
+    return dynamics, timing, () if request.at else tracker.crossings
+
+
+def _reason_for_law(law: Law, request: Request, least_degree: int) -> str:
+    """Return why a request has this polynomial, in words."""
+    speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
+    if request.kind != "polynomial":
+        return (
+            "the polynomial advances" if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
+        )
+    reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
+    if law.degree > least_degree:
+        reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
+    if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
+        reason += f"; it nearly stops, at {speed_ratio:.2g} of its mean speed"
+    return reason
 
 
 def _find_balanced_law(
@@ -183,24 +204,23 @@ def _find_balanced_law(
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
     max_balances = 40  # of law and deflections, until the polynomial passes the crossings
-    name = to_cross.branch.robot.name
-    crossings = _undeformed_crossings(to_cross)
+    crossings = to_cross.crossing_points
     deflections: KnownDeflections | None = None
     for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections, high)
-        crossings = _deformed_crossings(tracker, deflections.evaluate)
-        places = np.array([point.s for point, _ in crossings])
+        crossings = tracker.follow(deflections.evaluate)
+        places = np.array([point.s for point in crossings])
         miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
-    raise NotConverged(f"{name}: the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
+    raise NotConverged(f"the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
 
 
 def _balance_accelerations(
     to_cross: PathToCross,
     request: Request,
     timing: Sequence[CrossingTime],
-    crossings: Sequence[PlannedCrossing],
+    crossings: Sequence[SingularPoint],
     start: KnownDeflections | None,
     high: Array,
 ) -> tuple[Law, KnownDeflections]:
@@ -223,7 +243,7 @@ def _balance_accelerations(
 
     def law_of(shifts: Array) -> Law:
         """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
-        return _solve_law(crossings, timing, request, branch.robot.name, high, shifts)
+        return _solve_law(crossings, timing, request, high, shifts)
 
     no_shift = np.zeros(len(crossings))
     edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
@@ -234,60 +254,11 @@ def _balance_accelerations(
     return law_of(balance.scalars), balance.deflections
 
 
-def _check_advance(
-    law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
-) -> None:
-    """Refuse a law that turns back, leaves the path or repeats a crossing.
-
-    Args:
-        crossings: the points that the law crosses.
-        name: name of the robot.
-
-    Raises:
-        NoLaw: as `check_advance`.
-    """
-    if (
-        law.least_speed_ratio(request.smoothness, request.ends) <= 0
-    ):  # otherwise the law advances at all times
-        check_advance(law, [crossing.s for crossing in crossings], name)
-
-
-def _undeformed_crossings(to_cross: PathToCross) -> list[PlannedCrossing]:
-    """Return the crossing points of the undeformed robot with their conditions (8).
-
-    Raises:
-        NoLaw: no law can meet the condition at some point.
-    """
-    return [
-        (point, require_effect(to_cross.branch, point, condition, deflected=False))
-        for point, condition in to_cross.undeformed_crossings
-    ]
-
-
-def _deformed_crossings(
-    tracker: CrossingTracker, deflections: Callable[[Any, int], Array]
-) -> list[PlannedCrossing]:
-    """Follow the crossing points of the deflected robot; return each with its condition (8).
-
-    Args:
-        deflections: deflections (k, n_e) and their time derivatives as a function of times and order.
-
-    Raises:
-        NoLaw: the deflected robot has no singular point there.
-        NotConverged: s" has no effect on the condition with these deflections.
-    """
-    return [
-        (point, require_effect(tracker.branch, point, condition, deflected=True))
-        for point, condition in tracker.follow(deflections)
-    ]
-
-
 def _solve_law(
-    crossings: Sequence[PlannedCrossing],
+    crossings: Sequence[SingularPoint],
     timing: Sequence[CrossingTime],
     request: Request,
-    name: str,
-    high: Array,
+    high: Array = NO_HIGH,
     shifts: Array | None = None,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
@@ -295,7 +266,6 @@ def _solve_law(
     Args:
         crossings: the points, each with the condition (8) that gives s".
         timing: times and speeds of the crossings.
-        name: name of the robot, for messages.
         high: coefficients of the law above its least degree.
         shifts: (k,) [1/s^2] of s" at the crossings, from those of the conditions.
 
@@ -306,8 +276,8 @@ def _solve_law(
     duration = request.fixed_duration
     shifts = np.zeros(len(crossings)) if shifts is None else shifts
     values = [
-        (point.s, speed, condition.acceleration(speed) + shift)
-        for (point, condition), (_, speed), shift in zip(crossings, timing, shifts, strict=True)
+        (point.s, speed, point.acceleration_at(speed) + shift)
+        for point, (_, speed), shift in zip(crossings, timing, shifts, strict=True)
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:
@@ -318,13 +288,13 @@ def _solve_law(
             f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
         )
         if request.times is None:
-            raise NoLaw(f"{name}: {why}") from None
+            raise NoLaw(why) from None
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
 def undeformed_polynomial(
     to_cross: PathToCross, request: Request, *, searched: bool = True
-) -> tuple[Law, tuple[CrossingTime, ...], Array]:
+) -> tuple[Law, tuple[CrossingTime, ...]]:
     """Compute a law of the undeformed robot that always advances.
 
     Open times and speeds are chosen. Torques are neither computed nor certified.
@@ -333,15 +303,14 @@ def undeformed_polynomial(
         searched: whether open ones are searched if none of the first ones will do.
 
     Returns:
-        The law; times and speeds of its crossings; its coefficients above the least degree. These are none if
-        the law of least degree advances, or if the times are open.
+        The law, and times and speeds of its crossings. The law has the least degree if that one advances, or
+        if the times are open.
 
     Raises:
         InvalidInput: times or speeds of the request do not suit the path.
         NoLaw: no law can cross, or none that advances was found.
     """
     duration = request.fixed_duration
-    name = to_cross.branch.robot.name
     check_one_condition_each(to_cross.branch.robot, to_cross.crossing_points)
     for t in request.times or ():
         if not 0 < t < duration:
@@ -349,36 +318,38 @@ def undeformed_polynomial(
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             ).advising(OPTIMAL_LAW)
-    crossings = _undeformed_crossings(to_cross)
-    s = [point.s for point, _ in crossings]
+    crossings = [
+        require_effect(to_cross.branch, point, deflected=False) for point in to_cross.crossing_points
+    ]
+    s = [point.s for point in crossings]
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
         """Compute least speed ratio and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
         accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
-        for k, (_, condition) in enumerate(crossings):
-            accelerations[:, k] = condition.acceleration(speeds[:, k])
+        for k, point in enumerate(crossings):
+            accelerations[:, k] = point.acceleration_at(speeds[:, k])
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return speed_ratios_and_peaks(duration, request.smoothness, times, values, request.ends)
 
     try:
-        timing = choose_timing(s, request, measure, name, searched=searched) if s else ()
-        law = _solve_law(crossings, timing, request, name, NO_HIGH)
-        _check_advance(law, request, to_cross.points, name)
-        return law, timing, NO_HIGH
+        timing = choose_timing(s, request, measure, searched=searched) if s else ()
+        law = _solve_law(crossings, timing, request)
+        if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:  # otherwise it always advances
+            check_advance(law, [point.s for point in to_cross.points])
+        return law, timing
     except NoLaw as refusal:
         if not request.times:
             raise
         raised = _raise_degree(crossings, request)
         if raised is None:
-            refusal.args = (f"{refusal}; nor was one of degree {RAISED_DEGREES[-1]} found",)
-            raise
+            raise refusal.adding(f"nor was one of degree {RAISED_DEGREES[-1]} found") from None
         return raised
 
 
 def _raise_degree(
-    crossings: Sequence[PlannedCrossing], request: Request, *, above: int = 0
-) -> tuple[Law, tuple[CrossingTime, ...], Array] | None:
-    """Find a law of higher degree that advances, its times, speeds and high coefficients; None without one.
+    crossings: Sequence[SingularPoint], request: Request, *, above: int = 0
+) -> tuple[Law, tuple[CrossingTime, ...]] | None:
+    """Find a law of higher degree that advances, with times and speeds of its crossings; None without one.
 
     Args:
         above: a degree; only higher ones are tried.
@@ -386,8 +357,8 @@ def _raise_degree(
     from framework.planning.raised_polynomial import RaisedDegree  # slow to import, seldom needed
 
     assert request.times is not None
-    places = [point.s for point, _ in crossings]
-    conditions = [condition for _, condition in crossings]
+    places = [point.s for point in crossings]
+    conditions = [point.condition for point in crossings if point.condition is not None]
     for degree in RAISED_DEGREES:
         if degree <= above:
             continue
@@ -405,9 +376,9 @@ def _raise_degree(
         if raised is None:
             continue
         timing = _crossing_times(np.array([request.times, raised.speeds]))
-        law = _solve_law(crossings, timing, request, "", raised.high)
+        law = _solve_law(crossings, timing, request, raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
-            return law, timing, raised.high
+            return law, timing
     return None
 
 
@@ -415,7 +386,7 @@ def _raise_degree(
 
 
 def choose_timing(
-    s: Sequence[float], request: Request, measure: Measure, name: str, *, searched: bool = True
+    s: Sequence[float], request: Request, measure: Measure, *, searched: bool = True
 ) -> tuple[CrossingTime, ...]:
     """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
@@ -427,7 +398,6 @@ def choose_timing(
         measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns the
             least speed ratio (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `speed_ratios_and_peaks`
             does.
-        name: name of the robot, for messages.
         searched: whether times and speeds are searched if no candidate will do.
 
     Raises:
@@ -444,9 +414,9 @@ def choose_timing(
         return _crossing_times(starts[comfortable[0]])
     if len(s) > MAX_CROSSINGS or not searched:
         raise NoLaw(
-            f"{name}: the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
-            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean; no others are searched: cut the path, "
-            f"take law optimal, or give all times and speeds"
+            f"the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
+            f"its speed above {COMFORTABLE_ADVANCE:g} of the mean",
+            clauses=("no others are searched: cut the path, take law optimal, or give all times and speeds",),
         )
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
@@ -455,11 +425,11 @@ def choose_timing(
     if score <= 0:
         or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
         raise NoLaw(
-            f"{name}: no law that always advances found through s = "
+            f"no law that always advances found through s = "
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
             f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
-            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another "
-            f"duration{or_optimal}"
+            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s",
+            clauses=(f"give other times, speeds or another duration{or_optimal}",),
         )
     return timing
 

@@ -24,7 +24,7 @@ from framework.laws.path import HIGHEST_ORDER
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.cone_program import AffineRows, ConeProgram, Unsolved, solve_cone_program
-from framework.planning.condition import Condition8
+from framework.singularity.points_on_path import Condition8
 
 SAMPLES_PER_COEFFICIENT = 8  # of x, at which p is bounded from below and |s""| from above
 FIRST_SPEEDS = np.geomspace(0.2, 6.0, 10)  # paths in the duration, tried for all crossings alike
@@ -81,7 +81,7 @@ class RaisedDegree:
 
     def find(self, speeds: Sequence[float] | None) -> RaisedPolynomial | None:
         """Find a law that advances, with given speeds (k,) [1/s] or open ones; None without one."""
-        least_degree = 2 * self.smoothness + 1 + 3 * len(self.places)
+        least_degree = self.ends.least_degree(self.smoothness, len(self.places))
         if least_degree >= self.degree:
             return None
         count = len(self.places)
@@ -167,12 +167,11 @@ class RaisedDegree:
     def _end_rows(self) -> tuple[Array, Array]:
         """Rows (m, size) of s at the goal and of ends in motion, and values (m,)."""
         rows, values = [self._rows_at(np.ones(1), 0)], [1.0]
-        for x, end, derivatives in zip(
-            (-1.0, 1.0), self.ends, self.ends.derivatives(self.smoothness), strict=True
-        ):
-            for order, value in enumerate(derivatives, start=1) if end else ():
+        conditions = self.ends.conditions(self.smoothness)
+        for x, is_moving, at_end in zip((-1.0, 1.0), self.ends.moving, conditions, strict=True):
+            for order in range(1, len(at_end)) if is_moving else ():
                 rows.append(self._rows_at(np.array([x]), order))
-                values.append(value * self.duration**order)
+                values.append(at_end[order] * self.duration**order)
         matrix = np.concatenate(rows)
         sizes = np.abs(matrix).max(axis=1)
         return matrix / sizes[:, None], np.array(values) / sizes

@@ -76,11 +76,13 @@ The optimal law:
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
     NoLaw: the springs give way at an end, at rest, or, to first order, along the path
-        planning.optimal.elastic_search.ElasticSearch.find_motion
+        planning.optimal.elastic_search.ElasticSearch
+    NotConverged: no law within all limits is resolved
+        planning.optimal.optimal_motion.optimal_motion
     NotConverged: law and springs do not settle together
-        planning.optimal.elastic_search.ElasticSearch.find_motion
+        planning.optimal.elastic_search.ElasticSearch
     NotConverged: springs do not start or stop at rest
-        planning.optimal.elastic_search.ElasticSearch.find_motion
+        planning.optimal.elastic_search.ElasticSearch
 
 The motion, under either law or one of the user's own:
 
@@ -91,7 +93,7 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot has no singular point near the crossing
         planning.crossing_tracker.track_points
     NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
-        planning.condition.condition_at
+        planning.condition.require_effect
     NotAssembled: loops do not close along the motion, or rates do not exist
         kinematics.inverse_kinematics.close_loops
         kinematics.motion_rates.motion_at
@@ -251,7 +253,6 @@ class SearchEvidence(NamedTuple):
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
     start_speed: the derivatives of s at a slower start from which a law was found within the limits.
-    reason: what was not found, in words; empty where the refusal gives no numbers.
     """
 
     cells: int
@@ -260,10 +261,9 @@ class SearchEvidence(NamedTuple):
     limits: dict[str, Array] | None = None
     duration: float | None = None
     start_speed: tuple[float, ...] | None = None
-    reason: str = ""
 
     @property
-    def sentence(self) -> str:
+    def clauses(self) -> tuple[str, ...]:
         """The numbers of the search, in words."""
         parts = []
         least = self.least
@@ -283,12 +283,7 @@ class SearchEvidence(NamedTuple):
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         if self.start_speed is not None:
             parts.append(f"a law was found within the limits from s' = {self.start_speed[0]:g} 1/s")
-        return "; ".join([*parts, f"searched on {self.cells} cells"])
-
-
-def describe_search(robot: ParallelRobot, evidence: SearchEvidence) -> str:
-    """Return the refusal of a search, with its numbers."""
-    return f"{robot.name}: {evidence.reason}: {evidence.sentence}"
+        return *parts, f"searched on {self.cells} cells"
 
 
 def _ratio_text(ratio: float | None) -> str:
@@ -323,7 +318,7 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
 # ------------------------------------------------------------------ laws that turn back
 
 
-def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
+def check_advance(law: MotionLaw, s: Sequence[float]) -> None:
     """Refuse a law that turns back, leaves the path or repeats a crossing.
 
     A law may overshoot an end by less than `tolerances.OVERSHOOT` and return to it, as the law of degree 8 in
@@ -331,38 +326,29 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
 
     Args:
         s: path coordinates (k,) of the singular points.
-        name: name of the robot.
 
     Raises:
         NoLaw: the law has such a fault; the message has its s and time.
     """
-    fault = _find_fault(law, s)
-    if fault:
-        raise NoLaw(f"{name}: the law does not always advance: it {fault}; choose other times or speeds")
-
-
-def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
-    """Find the first fault of a law, in words; empty without one.
-
-    Args:
-        singular: path coordinates (k,) of the singular points.
-    """
     times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
-    s, ds = law_derivatives(law, times, 2)
-    for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):  # how far s is beyond the end
+    place, ds = law_derivatives(law, times, 2)
+    largest_speed = np.abs(ds).max()
+    is_backwards = (place > 0) & (place < 1) & (ds < -AT_REST * largest_speed)
+    fault = ""
+    for end, overshoot in ((0.0, -place), (1.0, place - 1.0)):  # how far the law is beyond the end
         worst = np.argmax(overshoot)
-        if overshoot[worst] > OVERSHOOT:
-            return f"leaves the path at s = {end:g}, up to s = {s[worst]:.4g} at t = {times[worst]:.4g} s"
-
-    is_inside = (s > 0) & (s < 1)
-    is_backwards = is_inside & (ds < -AT_REST * np.abs(ds).max())
-    if is_backwards.any():
+        if not fault and overshoot[worst] > OVERSHOOT:
+            fault = (
+                f"leaves the path at s = {end:g}, up to s = {place[worst]:.4g} at t = {times[worst]:.4g} s"
+            )
+    if not fault and is_backwards.any():
         first = np.argmax(is_backwards)
-        return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
-
-    for s_singular in singular:
-        meetings = times[:-1][np.diff(s > s_singular)]  # [s] samples after which s passes the point
-        if len(meetings) > 1:
+        fault = f"runs backwards at t = {times[first]:.4g} s, s = {place[first]:.4g}"
+    for singular in s:
+        meetings = times[:-1][np.diff(place > singular)]  # [s] samples after which the law passes the point
+        if not fault and len(meetings) > 1:
             instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
-            return f"meets the singular point s = {s_singular:.6g} {instants}"
-    return ""
+            fault = f"meets the singular point s = {singular:.6g} {instants}"
+    if fault:
+        clauses = ("choose other times or speeds",)
+        raise NoLaw(f"the law does not always advance: it {fault}", clauses=clauses)

@@ -40,22 +40,17 @@ def plan_or_advise(robot: ParallelRobot, request: Request) -> CrossingPlan:
 
 
 def _is_planned(robot: ParallelRobot, request: Request, remedy: Mapping[str, Any]) -> bool:
-    """Return whether a request changed by a remedy has a plan."""
+    """Return whether a request changed by a remedy has a plan: by options, None for one to leave out."""
     with suppress(FrameworkError):
-        _plan_remedy(robot, request, remedy)
+        if "bend" in remedy:
+            from framework.planning.path_modification import plan_request_with_modified_path
+
+            plan_request_with_modified_path(robot, request)
+            return True
+        defaults = {field.name: field.default for field in fields(request)}
+        changes: dict[str, Any] = {
+            name: defaults[name] if value is None else value for name, value in remedy.items()
+        }
+        plan_request(robot, replace(request, **changes), explained=False)
         return True
     return False
-
-
-def _plan_remedy(robot: ParallelRobot, request: Request, remedy: Mapping[str, Any]) -> None:
-    """Plan a request changed by a remedy: options, None for one to leave out."""
-    if "bend" in remedy:
-        from framework.planning.path_modification import plan_request_with_modified_path  # most need none
-
-        plan_request_with_modified_path(robot, request)
-        return
-    defaults = {field.name: field.default for field in fields(request)}
-    changes: dict[str, Any] = {
-        name: defaults[name] if value is None else value for name, value in remedy.items()
-    }
-    plan_request(robot, replace(request, **changes), explained=False)

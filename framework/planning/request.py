@@ -23,7 +23,7 @@ from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import REST, Ends
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Smoothstep
-from framework.laws.path import Path, expect_path
+from framework.laws.path import HIGHEST_ORDER, HIGHEST_STATED, Path, expect_path
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.chebyshev import peak_sizes
 from framework.planning.options import DEFAULTS, OPTIONS, PlanOptions, takes_options
@@ -112,10 +112,10 @@ class Request(PlanOptions):
             )
         for name in ("start_speed", "end_speed"):
             count = len(getattr(self, name) or ())
-            if count > self.smoothness:
-                raise InvalidInput(
-                    f"{name}: needs 1 to {self.smoothness} derivatives of s (the smoothness), got {count}"
-                )
+            # springs follow further derivatives than those that torques contain
+            most = max(self.smoothness, HIGHEST_STATED if self.smoothness >= HIGHEST_ORDER else 0)
+            if count > most:
+                raise InvalidInput(f"{name}: needs 1 to {most} derivatives of s, got {count}")
         if self.bounded and self.law == "polynomial":
             refusal = InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"

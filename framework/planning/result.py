@@ -5,7 +5,7 @@ t_s . W_p is the power of the required wrench in the uncontrolled motion, which 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
@@ -16,7 +16,6 @@ from typing import IO, Any
 import numpy as np
 
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
-from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -25,9 +24,8 @@ from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
 from framework.lazy_names import notebook_picture
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.planning.condition import Condition8
+from framework.planning.condition import Deflection, coefficients_at
 from framework.planning.crossing_points import CrossingTime, PathToCross
-from framework.planning.crossing_tracker import CrossingTracker
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
 from framework.planning.motor_use import MotorUse, motor_uses
 from framework.planning.neglected_effects import NeglectedEffect, neglected_effects, neglected_friction
@@ -39,27 +37,10 @@ from framework.planning.request import (
     motor_peaks,
     specification_of,
 )
+from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 
-
-@dataclass(frozen=True, eq=False)
-class Crossing(ReadOnlyArrays):
-    """A crossing of a Type 2 singularity, measured on the finished motion.
-
-    residual: |t_s . W_p| divided by the largest sum, along the motion, of the absolute values of its terms.
-    condition: the coefficients of condition (8) that the law meets; None if condition (8) holds although the
-        request did not ask for it.
-    """
-
-    s: float  # s(time) of the law
-    time: float  # [s]
-    speed: float  # s'(time) [1/s]
-    acceleration: float  # s"(time) [1/s^2]
-    kind: str  # of the singularity
-    twist: Array  # (n,) t_s
-    platform: Array  # (n,) platform coordinates
-    residual: float
-    condition: Condition8 | None
+Crossing = SingularityCrossing  # its name in a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +160,8 @@ class CrossingPlan:
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        return dict(zip(self.robot.actuator_names, self._peaks[0].tolist(), strict=True))
+        peaks, _speeds = motor_peaks(self.dynamics)
+        return dict(zip(self.robot.actuator_names, peaks.tolist(), strict=True))
 
     @property
     def neglected_friction(self) -> str:
@@ -204,50 +186,23 @@ class CrossingPlan:
         URDF limits positions of joints.
         """
         excesses: dict[str, list[str]] = {joint: [] for joint in self.robot.actuator_names}
-        for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
-            excesses.setdefault(joint, []).append(excess)
-        return {joint: ", ".join(texts) for joint, texts in excesses.items() if texts}
-
-    @cached_property
-    def _peaks(self) -> tuple[Array, Array]:
-        """The largest torques and the largest speeds of the motors, each (n_a,)."""
-        return motor_peaks(self.dynamics)
-
-    def _motor_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield the joint of each motor that exceeds a limit of torque or speed, with the excess in words."""
-        robot, times = self.robot, np.linspace(0.0, self.duration, PEAK_SAMPLES)
-        peak_torques, peak_speeds = self._peaks
-        quantities = (
-            ("torque", self.torque(times), peak_torques, robot.torque_units),
-            ("speed", self.motor_angle(times, 1), peak_speeds, robot.speed_units),
-        )
-        for quantity, values, peaks, units in quantities:
-            limits = motor_limits(robot, f"{quantity}_limit", None)  # of the robot file
-            s_peaks = self.law(times[np.abs(values).argmax(axis=0)])  # (n_a,)
-            for k in np.flatnonzero(peaks > limits):  # indices of motors
-                size, bound = format_distinct(peaks[k], limits[k])
-                excess = f"{quantity} {size} {units[k]} of {bound} at s = {s_peaks[k]:.4g}"
-                yield robot.actuator_names[k], excess
-        yield from self._drive_excesses()
-
-    def _drive_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield motors beyond curves or RMS torques of the file, with the excess."""
         no_limits: dict[str, Any] = dict.fromkeys(MOTOR_LIMITS)
         of_file = replace(self.request, **no_limits, margin=0.0)
-        specification = specification_of(self.robot, of_file)
-        for use in motor_uses(self.dynamics, specification) if specification.drives is not None else ():
-            if use.ratio > 1.0 and use.limit not in ("torque", "speed"):
-                yield use.joint, f"{use.limit}: {use.sentence}"
+        for use in motor_uses(self.dynamics, specification_of(self.robot, of_file)):
+            if use.ratio > 1.0 and use.limit in ("torque", "speed"):
+                size, bound = format_distinct(use.size, use.allowed)
+                excesses[use.joint].append(f"{use.limit} {size} {use.unit} of {bound} at s = {use.s:.4g}")
+            elif use.ratio > 1.0:
+                excesses[use.joint].append(f"{use.limit}: {use.sentence}")
 
-    def _position_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield each joint that exceeds a position limit of the URDF, with the excess in words."""
         times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
         q = self.configuration(times)
-        excess_shares = shares_beyond_limits(limits, q)  # (T, number of limits)
-        s_worst = self.law(times[excess_shares.argmax(axis=0)])  # (number of limits,)
+        shares = shares_beyond_limits(limits, q)  # (T, number of limits)
+        s_worst = self.law(times[shares.argmax(axis=0)])  # (number of limits,)
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
         for joint, excess in positions_beyond_limits(limits, q).items():
-            yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
+            excesses.setdefault(joint, []).append(f"{excess} at s = {s_of_joint[joint]:.4g}")
+        return {joint: ", ".join(texts) for joint, texts in excesses.items() if texts}
 
     _repr_mimebundle_ = notebook_picture("plan_picture")
 
@@ -320,7 +275,7 @@ def certified_plan(
     law: PlannedLaw,
     timing: Sequence[CrossingTime],
     *,
-    conditions: Sequence[Condition8 | None] | None = None,
+    crossed: Sequence[SingularPoint] = (),
     reason: str = "",
     optimality: Optimality | None = None,
 ) -> CrossingPlan:
@@ -330,27 +285,25 @@ def certified_plan(
         dynamics: the motion under the law, with its torques, crossings and certificate.
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
             measured crossing that differ only by rounding.
-        conditions: (8) at each crossing, with the deflections of the motion; by default they are computed.
+        crossed: the crossing points of a deformed robot, with the conditions (8) of the last deflections;
+            where the motion meets others, the conditions are computed.
         reason, optimality: fields of the plan.
     """
+    is_known = len(crossed) == len(dynamics.crossings)
     crossings = []
-    if conditions is None:
-        conditions = _find_conditions(to_cross, request, dynamics)
-    for measured, condition in zip(dynamics.crossings, conditions, strict=True):
-        time, speed = _crossing_time(measured.time, law, timing)
-        crossings.append(
-            Crossing(
-                s=measured.s,
-                time=time,
-                speed=speed,
-                acceleration=float(law(time, 2)),
-                kind=measured.kind,
-                twist=measured.twist,
-                platform=measured.platform,
-                residual=measured.residual,
-                condition=condition,
-            )
-        )
+    for k, measured in enumerate(dynamics.crossings):
+        changes: dict[str, Any] = {}
+        if is_known:
+            changes["condition"] = crossed[k].condition
+        elif measured.condition is not None and request.geometry == "deformed":
+            deflection = Deflection.evaluate(dynamics.deflection, measured.time)
+            changes["condition"] = coefficients_at(to_cross.branch, measured, deflection)
+        for time, speed in timing:
+            if abs(time - measured.time) < SAME_PLACE * law.duration:
+                changes["time"] = time
+                if abs(speed - measured.speed) < SAME_PLACE * measured.speed:
+                    changes["speed"] = speed
+        crossings.append(replace(measured, **changes))
     monotone = law.least_speed_ratio(request.smoothness, request.ends) > 0
     certificate = replace(dynamics.certificate, monotone=monotone)
     return CrossingPlan(
@@ -363,57 +316,3 @@ def certified_plan(
         reason=reason,
         optimality=optimality,
     )
-
-
-def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
-    """Return time and speed of a crossing that was measured at a time [s].
-
-    Numbers of `timing`, for which the law was made, replace the measured ones where they differ by rounding
-    alone.
-    """
-    for intended in timing:
-        if abs(intended.time - measured) < SAME_PLACE * law.duration:
-            speed = float(law(intended.time, 1))
-            if abs(intended.speed - speed) < SAME_PLACE * speed:
-                return intended
-            return intended._replace(speed=speed)
-    return CrossingTime(measured, float(law(measured, 1)))
-
-
-def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
-    """Return for each measured crossing the index of its crossing point; None if the request had none.
-
-    Singular points and crossings are both in the order of the path. If there are equally many, they are
-    matched by that order, since springs may have shifted the crossings. Otherwise, and for imposed points,
-    they are matched by s.
-    """
-    points = to_cross.crossing_points
-    are_located = not any(point.is_imposed for point in points)
-    if are_located and len(points) == len(crossings):
-        return list(range(len(points)))
-    matches = []
-    for crossing in crossings:
-        matching = (k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE)
-        matches.append(next(matching, None))
-    return matches
-
-
-def _find_conditions(
-    to_cross: PathToCross, request: Request, dynamics: InverseDynamics
-) -> list[Condition8 | None]:
-    """Compute condition (8) at each crossing of a deflected motion.
-
-    It is None at crossings for which the request did not ask for the condition.
-    """
-    indices = _match_points(to_cross, dynamics.crossings)
-    matched = [(k, index) for k, index in enumerate(indices) if index is not None]
-    if request.geometry == "deformed":
-        points = [to_cross.crossing_points[index] for _, index in matched]
-        times = np.array([dynamics.crossings[k].time for k, _ in matched])
-        crossings = CrossingTracker(to_cross.branch, points, times).follow(dynamics.deflection)
-    else:
-        crossings = [to_cross.undeformed_crossings[index] for _, index in matched]
-    conditions: list[Condition8 | None] = [None] * len(indices)
-    for (k, _), (_point, condition) in zip(matched, crossings, strict=True):
-        conditions[k] = condition
-    return conditions

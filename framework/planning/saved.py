@@ -61,14 +61,13 @@ from framework.numerics.fields import (
 from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_files
 from framework.planning.chain import DepartingCurve, MotionPath, chain_plans
-from framework.planning.condition import Condition8
 from framework.planning.crossing_points import CrossingTime, path_to_cross
 from framework.planning.joint_path import with_platform_joints
 from framework.planning.options import OPTIONS
 from framework.planning.request import Request, share_load, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.planning.scenes import path_of
-from framework.singularity.points_on_path import search_path
+from framework.singularity.points_on_path import Condition8, search_path
 from framework.tolerances import FILE_ROUNDING
 
 FILE = "plan.json"
@@ -107,6 +106,7 @@ _LAW_TABLES: Mapping[str, Table] = {
 }
 _OPTIMALITY_TABLE: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _CROSSING_TABLE: Table = {"time": required(number), "speed": required(number)}
+_CROSSING_KEYS = ("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual")
 # keys that must be in the file, whose values are computed anew
 _COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
 _PATH_TABLE: Table = {  # a path of a scene, or one of a restarted plan, and the parts taken in turn
@@ -161,7 +161,12 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         InvalidInput: the path or the law is a user's own function, or the robot a model in memory, which
             cannot be written.
     """
-    _require_robot_file(plan.robot)
+    robot = plan.robot
+    if not robot.description.file.exists():
+        raise InvalidInput(
+            f"robot: only a robot of a file can be written down, and {robot.name} has none, such as one of a "
+            f"pinocchio model in memory; save the motion with plan.to_csv"
+        )
     best = plan.optimality  # None for a polynomial
     optimality = None
     if best is not None:
@@ -169,11 +174,11 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     document: Document = plain(
         {
             "version": VERSION,
-            "robot": plan.robot.name,
-            "robot_file": robot_name_or_file(plan.robot, folder),
-            "parameters": plan.robot.description.parameters,
-            "flexibility": plan.robot.flexibility,
-            "platform_joints": plan.robot.description.platform.joints or None,
+            "robot": robot.name,
+            "robot_file": robot_name_or_file(robot, folder),
+            "parameters": robot.description.parameters,
+            "flexibility": robot.flexibility,
+            "platform_joints": robot.description.platform.joints or None,
             "geometry": plan.geometry,
             "duration": plan.duration,
             "request": {
@@ -194,19 +199,6 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     for crossing, loaded in zip(document["crossings"], plan.loaded_points, strict=True):
         crossing["loaded"] = None if loaded is None else {"s": loaded.s, "distance": loaded.distance}
     return document
-
-
-def _require_robot_file(robot: ParallelRobot) -> None:
-    """Refuse a robot without a file.
-
-    Raises:
-        InvalidInput: the robot is of a model in memory.
-    """
-    if not robot.description.file.exists():
-        raise InvalidInput(
-            f"robot: only a robot of a file can be written down, and {robot.name} has none, such as one of a "
-            f"pinocchio model in memory; save the motion with plan.to_csv"
-        )
 
 
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
@@ -505,7 +497,7 @@ def _compared_document(plan: CrossingPlan) -> Document:
     crossings = []
     for crossing in plan.crossings:
         condition = None if crossing.condition is None else crossing.condition._asdict()
-        crossings.append(vars(crossing) | {"condition": condition})
+        crossings.append(select_fields(crossing, *_CROSSING_KEYS) | {"condition": condition})
     return {
         "geometry": plan.geometry,
         "duration": plan.duration,

@@ -91,7 +91,7 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
         InvalidInput: the robot has no such scene, or as `Request.of`.
     """
     chosen, path = _scene_and_path(robot, name)
-    stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}  # options of the scene
+    stated = {key: value for key, value in vars(chosen).items() if key in OPTIONS}  # options of the scene
     set_options = {key for key, value in options.items() if value is not None}
 
     # the scene's goal gives way

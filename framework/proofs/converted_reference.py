@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from framework.kinematics.diagnostics.regular_reference import regular_reference
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import ParsedRobot, RobotDescription
+from framework.model.description import RobotDescription
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 
@@ -62,12 +64,12 @@ def _other_modes(robot: ParallelRobot) -> list[str]:
     except FrameworkError:  # such as motors that do not determine the pose
         return []
     others = [mode.q for mode in found if _moves_apart(robot, mode.q)]
-    words = [text for q in others if (text := _reference_option(robot, q))]
+    max_listed = 4
+    words = list(islice(filter(None, (_reference_option(robot, q) for q in others)), max_listed))
     if not words:
         return []
-    max_listed = 4
-    more = len(others) - len(words[:max_listed])
-    listed = "; or ".join(words[:max_listed]) + (f"; and {more} more" if more else "")
+    more = len(others) - len(words)
+    listed = "; or ".join(words) + (f"; and {more} more" if more else "")
     place = robot.place(robot.reference.x)
     return [f"mode: {place}; the same motor positions close the loops otherwise, too, with {listed}"]
 

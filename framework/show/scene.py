@@ -160,8 +160,19 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
         "length": 1.2 * view["radius"],
         "shapes": [_shape_document(shape) for shape in sight.bodies],
         "motors": [_shape_document(shape) | {"name": name, "unit": unit} for shape, name, unit in motors],
+        "line_springs": _line_spring_documents(robot),
         "view": view,
     }
+
+
+def _line_spring_documents(robot: ParallelRobot) -> list[list[Document]]:
+    """Return the two ends of each spring between points: a node, and the place (3,) [m] in its frame."""
+    springs = robot.line_springs
+    ends = [robot.model.frames[frame] for frame in robot.frames]
+    places = [{"node": end.parentJoint, "place": end.placement.translation.copy()} for end in ends]
+    return [
+        [places[first], places[second]] for first, second in zip(springs.first, springs.second, strict=True)
+    ]
 
 
 def _column_major(placement: Array) -> Array:

@@ -16,6 +16,7 @@ KNOWN = {
     "nothing_known": "nothing known",
     "constant_armature": "constant armature",
     "own_armature": "armature of the pose",
+    "own_springs": "with springs and dampers",
 }
 SHOWN_POSTURES = 5  # at most, of polygons
 
@@ -100,7 +101,8 @@ def plot_mapping(result: LinkageTransmission) -> Axes:
     for k, (ax, name) in enumerate(zip(panels, result.robot.axis_names, strict=True)):
         errors: list[MappingError] = [error for error in result.errors if error.axis == name]
         frequencies = [error.frequency for error in errors]
-        for j, (key, label) in enumerate(KNOWN.items()):
+        known = list(KNOWN.items())[: None if result.springs.any() or result.damping.any() else -1]
+        for j, (key, label) in enumerate(known):
             values = [getattr(error, key)[k] for error in errors]
             ax.loglog(frequencies, values, marker="o", ms=3, label=label, **line_style(j))
         carried = [error.carried[k] for error in errors]

@@ -68,8 +68,9 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     m = equations.rank
     scale = robot.column_scale[:, None]  # (nv, 1)
 
-    # null space of the loops, in joint rates divided by their scale; `rotation` marks rows without a length
-    J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, R, nv)
+    # null space of the loops, in joint rates divided by their scale
+    row_lengths = robot.unit_lengths(equations.rows.rotation)  # (R,)
+    J = scale_jacobian(robot, tangent.jacobian, row_lengths)  # (T, R, nv)
     U, values, V_rows = singular_vectors(J, m)
     Z = V_rows[:, m:].swapaxes(1, 2)  # (T, nv, d)
 
@@ -81,7 +82,6 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     joint_inertias = np.diagonal(mass, axis1=1, axis2=2)  # (T, nv)
     all_inertias = np.concatenate([inertias, joint_inertias], axis=1)
     light = inertias <= EIGENVALUE_ROUNDING * all_inertias.max(axis=1, initial=0.0, keepdims=True)
-    row_lengths = np.where(equations.rows.rotation, 1.0, robot.length)  # (R,)
     return AllowedMotions(
         basis=scale * matmul(Z, axes),
         light=light,
@@ -247,8 +247,8 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     if not m:
         return v
     scale = equations.robot.column_scale  # (nv,) units of the joints: 1 rad or the robot's length
-    # J (m, nv) of the configuration; `rotation` marks the rows that have no length to be divided by
-    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
+    lengths = equations.robot.unit_lengths(equations.rows.rotation)
+    J = scale_jacobian(equations.robot, tangent.jacobian, lengths)[0]  # (m, nv) of the configuration
     if len(J) > m:
         U, _, _ = singular_vectors(J[None], m)
         J = U[0].T @ J

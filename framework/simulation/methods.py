@@ -209,17 +209,15 @@ def _count_steps(length: float, step: float) -> int:
     return max(1, int(np.ceil(count - SAME_PLACE)))
 
 
-class Method(NamedTuple):
-    """An integrator with its default settings."""
-
-    run: Callable[[IntegrationTask, MethodSettings], Integration]
-    settings: MethodSettings
+def integrate_task(task: IntegrationTask, settings: MethodSettings) -> Integration:
+    """Integrate a task by collocation, or by fixed steps if the settings have no stages."""
+    return (integrate_by_collocation if settings.stages else integrate_by_fixed_steps)(task, settings)
 
 
-_REFERENCE = Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12))
-METHODS: dict[str, Method] = {
+_REFERENCE = MethodSettings(stages=16, tolerance=1e-12)
+METHODS = {
     "reference": _REFERENCE,
     "explicit": _REFERENCE,  # deprecated, see `simulate`
-    "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
-    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7)),
+    "fast": MethodSettings(step=1e-3),
+    "stiff": MethodSettings(stages=5, tolerance=1e-7),
 }

@@ -49,7 +49,7 @@ from framework.numerics.output import select_fields
 from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
 from framework.simulation.drive import Drive, ForceFunction, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion, State
-from framework.simulation.methods import METHODS, Integration, IntegrationTask, MethodSettings
+from framework.simulation.methods import METHODS, Integration, IntegrationTask, MethodSettings, integrate_task
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Trajectory
 from framework.tolerances import AT_REST, FILE_ROUNDING, SAME_PLACE
 
@@ -353,7 +353,7 @@ def simulate(
         events=events,
         report_progress=progress,
     )
-    run = METHODS[method].run(task, settings)
+    run = integrate_task(task, settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
     )
@@ -378,7 +378,7 @@ def _method_settings(
         stages: number of nodes of a collocation step.
     """
     stage_range = (3, 30)
-    settings = METHODS[method].settings
+    settings = METHODS[method]
     if tolerance is not None:
         if not settings.stages:
             raise InvalidInput(f"tolerance: method {method} has none; its step [s] sets how exact it is")

@@ -36,7 +36,6 @@ from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import (
     FrameStack,
-    body_twists,
     difference,
     frames_at,
     integrate,
@@ -46,7 +45,7 @@ from framework.kinematics.frames import (
 from framework.kinematics.line_springs import Lines
 from framework.kinematics.mechanism import LineSprings
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.arrays import Array, ArrayLike, mirror_upper
 from framework.numerics.ordered_sums import matmul, matvec, solve
 from framework.simulation.consistent_states import consistent_state, free_motions
 from framework.simulation.drive import NO_FORCES, WorldForces
@@ -273,7 +272,8 @@ class Stepper:
         )
 
         v_middle = v + 0.5 * h * guess
-        terms = terms._replace(bias=self.bias(middle, v_middle), drift=self.drift(terms.frames, v_middle))
+        _frames, bias, drift = self._terms_of_motion(middle, v_middle)
+        terms = terms._replace(bias=bias, drift=drift)
         v_end = v + h * self._solve_accelerations(
             implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
         )
@@ -384,28 +384,35 @@ class Stepper:
         mass = np.empty((runs, nv, nv))
         for k, model in enumerate(self._models(runs)):
             mass[k] = pin.crba(model, data, q[k])
-        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
-        mass[:, range(nv), range(nv)] += self.rotors
-        frames = frames_at(self.robot, q, self._models(runs))
+        mirror_upper(mass)[:, range(nv), range(nv)] += self.rotors
+        frames, bias, drift = self._terms_of_motion(q, v)
         loops = loop_equations(self.equations[0].rows, frames)
         springs = self.line_springs
         lines = Lines.of(self.robot, frames, springs) if springs.names else None
-        return Terms(mass, self.bias(q, v), frames, *loops, lines, self.drift(frames, v))
+        return Terms(mass, bias, frames, *loops, lines, drift)
 
-    def bias(self, q: Array, v: Array) -> Array:
-        """Compute the bias forces c + g (R, nv) of R runs: Coriolis, centrifugal and gravity forces."""
-        data = scratch_of(self.robot).data
-        forces = np.empty_like(v)
-        for k, model in enumerate(self._models(len(q))):
-            forces[k] = pin.nonLinearEffects(model, data, q[k], v[k])
-        return forces
+    def _terms_of_motion(self, q: Array, v: Array) -> tuple[FrameStack, Array, Array]:
+        """Compute frames, bias forces c + g (R, nv) and drifts (R, r) of R runs.
 
-    def drift(self, frames: FrameStack, v: Array) -> Array:
-        """Compute second time derivatives (R, r) of the loop equations without joint accelerations."""
-        twists = body_twists(self.robot, frames.q, v, np.zeros_like(v), self._models(len(v)))
-        return closure_drift(
-            self.equations[0].rows, move_with_bodies(self.robot, frames, twists), frames.q, v
-        )
+        Bias forces are Coriolis, centrifugal and gravity forces. A drift is the second time derivative of a
+        loop equation without joint accelerations.
+        """
+        scratch = scratch_of(self.robot)
+        runs, nv = v.shape
+        placements = np.empty((runs, *scratch.placements.shape))  # (R, frames of the model, 12)
+        screws = np.empty((runs, *scratch.screws.shape))
+        twists = np.empty((2, runs, *scratch.velocities.shape))  # and their rates
+        bias, rest = np.empty_like(v), np.zeros(nv)
+        for k, model in enumerate(self._models(runs)):
+            bias[k] = pin.nonLinearEffects(model, scratch.data, q[k], v[k])
+            # which computes placements and screws, too
+            pin.computeForwardKinematicsDerivatives(model, scratch.data, q[k], v[k], rest)
+            pin.updateFramePlacements(model, scratch.data)
+            placements[k], screws[k] = scratch.placements, scratch.screws
+            twists[0, k], twists[1, k] = scratch.velocities, scratch.accelerations
+        frames = FrameStack.of(scratch, placements, screws, q)
+        motions = move_with_bodies(self.robot, frames, twists)
+        return frames, bias, closure_drift(self.equations[0].rows, motions, q, v)
 
 
 def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
@@ -433,8 +440,11 @@ def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
 
 
 def _structure(robot: ParallelRobot) -> list[Any]:
-    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows."""
-    joints = [list(robot.model.names), robot.model.nv]
+    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows.
+
+    Pinocchio computes all of them in the memory of one, and does not check its sizes.
+    """
+    joints = [list(robot.model.names), robot.model.nv, robot.model.nframes]
     index_sets = [robot.actuated, robot.elastic, robot.frames, robot.line_springs.first]
     loop_rows = [getattr(robot.spanning_loops, field.name) for field in fields(robot.spanning_loops)]
     return joints + index_sets + loop_rows

@@ -8,9 +8,9 @@ through legs of zero length, and around self-motions.
 
 A curve is traced by pseudo-arclength continuation (H. B. Keller 1977). The predictor follows the tangent and
 the curvature of the curve; the corrector is Newton's method in the plane normal to the tangent. The step is
-shortened if the corrector moves far or the tangent turns much. A curve is traced from a start in one
-direction until it returns to the start, leaves a region or cannot be continued. If it does not return, it is
-traced in the other direction, too. Lengths along curves and offsets from them are those of u.
+shortened if the corrector moves far or the tangent turns much. A curve is traced from a start in both
+directions until it returns to the start, leaves a region or cannot be continued. Lengths along curves and
+offsets from them are those of u.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ class Curve(NamedTuple):
 
     points: Points  # in order along the curve; a closed curve ends with its first point
     # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
-    # rank); or long (`max_points` of `_trace_from`)
+    # rank); or long (`max_points` of `trace_curve`)
     ends: tuple[str, str]
 
 
@@ -243,62 +243,54 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
 def trace_curve(
     equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> Curve:
-    """Trace the curve through a start (S = 1).
+    """Trace the curve through a start (S = 1), in both directions in one stack.
+
+    Each step aims at a turn of the tangent by `turn_share` of MAX_TANGENT_TURN; one that fails is quartered.
 
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
             first point outside.
         longest: largest step [rad, robot lengths]; a value above MAX_STEP counts as MAX_STEP.
     """
-    forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
-    if end == "closed":
-        return Curve(forward, (end, end))
-    backward, begin = _trace_from(equations, start.negate_tangents(), inside, min(longest, MAX_STEP))
-    other_half = select(backward.reverse_order(), slice(-1))  # the start is the first point of `forward`
-    return Curve(join([other_half, forward]), (begin, end))
-
-
-def _trace_from(
-    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
-) -> tuple[Points, str]:
-    """Trace a curve from a start (S = 1) along its tangent.
-
-    Each step aims at a turn of the tangent by `turn_share` of MAX_TANGENT_TURN, and is halved if it fails.
-
-    Args:
-        inside: returns whether each of T configurations (T, nq) is in the region, (T,).
-        longest: largest step [rad, robot lengths].
-
-    Returns:
-        The points from the start on; why they end, as in `Curve.ends`.
-    """
     turn_share = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
     max_growth = 2.0  # ratio of a step to the previous one
     max_points = 3000  # from a start in one direction
-    traced = [start]
-    step = min(FIRST_STEP, longest)
-    curvature = np.zeros_like(start.tangent)  # (1, k) unknown at the start
-    while len(traced) < max_points:
-        point = traced[-1]
-        ahead = advance(equations, point, step, curvature)
-        if ahead is None:
-            step *= 0.5
-            if step < MIN_STEP:
-                return join(traced), "stalled"
-            continue
-        if len(traced) > 1 and passes_point(equations, join([point, ahead]), start):
-            return join([*traced, start]), "closed"
-        traced.append(ahead)
-        if not inside(ahead.q)[0]:
-            return join(traced), "left"
+    longest = min(longest, MAX_STEP)
+    traced = [start], [start.negate_tangents()]  # points (S = 1 each) forward and backward
+    ends = ["", ""]  # why they end, as in `Curve.ends`; empty for a direction that goes on
+    step = np.full(2, min(FIRST_STEP, longest))
+    curvature = np.zeros((2, start.tangent.shape[1]))  # (2, k) unknown at the start
+    while not all(ends) and ends[0] != "closed":
+        live = [k for k in range(2) if not ends[k]]
+        points = join([traced[k][-1] for k in live])  # S = 2, or 1
+        ahead, arrives = advance(equations, points, step[live], curvature[live])
+        is_inside = inside(ahead.q)
+        for row, k in enumerate(live):
+            if not arrives[row]:
+                step[k] *= 0.25
+                ends[k] = "stalled" if step[k] < MIN_STEP else ""
+                continue
+            next_point = ahead.single(row)
+            if len(traced[k]) > 1 and passes_point(equations, join([traced[k][-1], next_point]), start):
+                traced[k].append(traced[k][0])
+                ends[k] = "closed"
+                continue
+            traced[k].append(next_point)
+            if not is_inside[row]:
+                ends[k] = "left"
+            elif len(traced[k]) == max_points:
+                ends[k] = "long"
 
-        # the turn of the tangent grows with the step: choose the next one for the turn aimed at
-        change = ahead.tangent - point.tangent
-        curvature = change / step
-        turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
-        step *= min(turn_share * MAX_TANGENT_TURN / turn, max_growth)
-        step = min(step, longest)
-    return join(traced), "long"
+            # the turn of the tangent grows with the step: choose the next one for the turn aimed at
+            change = ahead.tangent[row] - points.tangent[row]
+            curvature[k] = change / step[k]
+            turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
+            step[k] = min(step[k] * min(turn_share * MAX_TANGENT_TURN / turn, max_growth), longest)
+    forward, backward = map(join, traced)
+    if ends[0] == "closed":
+        return Curve(forward, ("closed", "closed"))
+    other_half = select(backward.reverse_order(), slice(-1))  # the start is the first point of `forward`
+    return Curve(join([other_half, forward]), (ends[1], ends[0]))
 
 
 def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
@@ -331,36 +323,42 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
     return offset - share[..., None] * chord
 
 
-def advance(equations: LocusEquations, point: Points, step: float, curvature: Array) -> Points | None:
-    """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).
+def advance(
+    equations: LocusEquations, points: Points, step: Array, curvature: Array
+) -> tuple[Points, BoolArray]:
+    """Compute the points of curves one `step` (S,) [rad, robot lengths] ahead of S points.
 
-    The predictor is quadratic. Newton's method corrects the prediction normal to the tangent at `point`. None
-    if the corrector fails: its system is singular, the corrections are long compared with the step, or the
-    tangent turns too far.
+    The predictor is quadratic. Newton's method corrects the prediction normal to the tangent of the point. A
+    corrector fails if its system is singular, its corrections are long compared with the step, or the tangent
+    turns too far.
 
     Args:
-        curvature: derivative (1, k) of the unit tangent by arc length; zeros if unknown.
+        curvature: derivatives (S, k) of the unit tangents by arc length; zeros if unknown.
+
+    Returns:
+        The points; which correctors have not failed, (S,).
     """
     max_corrections = 6  # Newton steps
     max_correction_ratio = 0.25  # ratio of the sum of all corrections to the step
-    q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
-    correction = 0.0  # [rad, robot lengths] by all Newton steps so far
+    ahead = step[:, None]
+    q = equations.move(points.q, ahead * points.tangent + 0.5 * ahead**2 * curvature)
+    correction = np.zeros(len(step))  # [rad, robot lengths] by all Newton steps so far
     for _ in range(max_corrections):
         # one border and one basis, so that g is one smooth function
-        evaluated = equations.evaluate(q, point.border, point.bases)
+        evaluated = equations.evaluate(q, points.border, points.bases)
         # solve dF/du change = -F and t' change = 0: the last equation keeps the change normal to the tangent
-        values = np.append(evaluated.values, [[0.0]], axis=1)
-        change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
-        size = np.abs(change).max()
+        values = np.pad(evaluated.values, ((0, 0), (0, 1)))  # (S, k)
+        change = -solve(_append_tangent(evaluated.slopes, points.tangent), values)  # (S, k)
+        size = np.abs(change).max(axis=1)
         correction += size
-        if not correction < max_correction_ratio * step:  # also if the system is singular
-            return None
-        q = equations.move(q, change)
-        if size < NEWTON_STEP:  # converged: `evaluated`, before the last step, holds at q as well
-            ahead = curve_points(q, evaluated, point)
-            turn = np.linalg.norm(ahead.tangent - point.tangent)
-            return ahead if turn < MAX_TANGENT_TURN else None
-    return None
+        goes_on = correction < max_correction_ratio * step  # not if the system is singular
+        q = equations.move(q, np.where(goes_on[:, None], change, 0.0))
+        if not (goes_on & (size >= NEWTON_STEP)).any():
+            break
+    # `evaluated`, before a last step below NEWTON_STEP, holds at q as well
+    next_points = curve_points(q, evaluated, points)
+    turn = np.linalg.norm(next_points.tangent - points.tangent, axis=1)
+    return next_points, goes_on & (size < NEWTON_STEP) & (turn < MAX_TANGENT_TURN)
 
 
 def _append_tangent(slopes: Array, tangent: Array) -> Array:

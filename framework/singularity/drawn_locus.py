@@ -52,7 +52,7 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     translations = robot.platform.sliding.tolist()
     if len(translations) != 2 or not has_signed_measure(robot):
         return None
-    traced = trace_locus(robot, q, one_mode=True)
+    traced = trace_locus(robot, q, one_mode=True, with_cusps=False)
     curves = [curve.x[:, translations] for curve in traced.curves if curve.kind != "joints_only"]
     first, second = translations
     return LocusCurves(curves, axes=(first, second), about=x.copy(), reach=REGION_REACH * robot.length)

@@ -219,6 +219,7 @@ def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> li
         one_mode=True,
         near=list(starts),
         longest=reach / steps_per_reach,
+        with_cusps=False,
     )
     return [curve for curve in traced.curves if curve.kind != "joints_only"]
 

@@ -98,7 +98,7 @@ class Unresolved(NotConverged):
     def __init__(self, name: str, s: float, width: float) -> None:
         """Store s, and the width of the panel as residual; `name` is that of the robot."""
         super().__init__(
-            f"{name}: the singularity measure cannot be resolved near s = {s:.6g}", residual=width, s=s
+            f"the singularity measure cannot be resolved near s = {s:.6g}", name=name, residual=width, s=s
         )
         self.s: float = s
 
@@ -223,8 +223,8 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         # det G of a wide border is also small where all singular values of G are small but not zero
         if largest < RANK_LOST and least_singular_values(solution.G).max() < RANK_LOST:
             raise SingularPath(
-                f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
-                f"{end:.6g}"
+                f"the path runs along a singularity from s = {start:.6g} to {end:.6g}",
+                name=measured.branch.robot.name,
             )
         series = coefficients(g[:, None])
         # if g itself is small, a tail of mere rounding is large relative to g, although g is resolved

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,35 @@ from framework.singularity.rank_deficiency import (
 from framework.singularity.type2 import Uncontrolled, measure_gradient, sign_along, uncontrolled_motion
 from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST, SAME_PLACE
 
+Speed = TypeVar("Speed", float, Array)
+
+
+class Condition8(NamedTuple):
+    """Coefficients of condition (8), t_s . W_p = alpha s" + beta s'^2 + delta s' + gamma = 0.
+
+    `planning.condition` derives and computes them. The unit is N, or N m where t_s is a pure turn. A
+    coefficient of the size of rounding is set to zero.
+    """
+
+    alpha: float
+    beta: float
+    gamma: float
+    delta: float
+
+    @property
+    def holds_anyway(self) -> bool:
+        """Whether t_s . W_p vanishes for all s' and s", as on a straight path orthogonal to t_s."""
+        return not any(self)
+
+    def acceleration(self, speed: Speed) -> Speed:
+        """Return the s" [1/s^2] that meets the condition at speeds s' [1/s]; 0 if any s" does.
+
+        alpha must not be zero, unless all coefficients are; `require_effect` ensures it.
+        """
+        if self.holds_anyway:
+            return 0.0 * speed
+        return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
+
 
 @dataclass(frozen=True, eq=False)
 class SingularPoint(ReadOnlyArrays):
@@ -46,6 +75,7 @@ class SingularPoint(ReadOnlyArrays):
     Two singular points closer together than `resolution`, in s, cannot be told from a tangential point.
     `resolution` is None for transversal points, and where it was not measured. At a point that the user
     imposes (contact "imposed") the pose need not be singular; its motion opens the loops least.
+    `condition` is (8) at the point, where a plan asks for it.
     """
 
     s: float
@@ -58,6 +88,7 @@ class SingularPoint(ReadOnlyArrays):
     motion: Array  # (nv,) joint rates of the twist
     pose: LinearisedLoops = field(repr=False)  # the closed loops, T = 1
     resolution: float | None = None
+    condition: Condition8 | None = None
 
     @staticmethod
     def of(
@@ -85,15 +116,15 @@ class SingularPoint(ReadOnlyArrays):
             resolution=resolution,
         )
 
-    def __post_init__(self) -> None:
-        """Make all arrays read-only, those of the pose too."""
-        super().__post_init__()
-        freeze(self.pose)
-
     @property
     def q(self) -> Array:
         """Configuration (nq,)."""
         return self.pose.frames.q[0]
+
+    def acceleration_at(self, speed: Speed) -> Speed:
+        """Compute the s" [1/s^2] that meets condition (8) at speeds s' [1/s]."""
+        assert self.condition is not None  # the point is one to cross
+        return self.condition.acceleration(speed)
 
     @property
     def is_imposed(self) -> bool:
@@ -250,8 +281,9 @@ def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> N
     x = branch.path(s)
     joint = weakest_leg(robot, type1.linearise_guesses(np.array([s])))
     raise Type1Singularity(
-        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, {robot.place(x)}: the leg of "
+        f"the path meets a Type 1 singularity at s = {s:.6g}, {robot.place(x)}: the leg of "
         f"{joint} is stretched or folded there",
+        name=robot.name,
         s=s,
         platform=x,
         joint=joint,
@@ -300,6 +332,7 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     s = contact.s
     linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
+    freeze(linearised)
     slope = _slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope
     return SingularPoint.of(
         branch, s, linearised, uncontrolled, contact=contact.kind, slope=slope, resolution=contact.resolution

@@ -103,8 +103,10 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
                 if contacts:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
-            root = root or _general_root(measured, candidate, size)
-            if root is None or any(stretch.contains(root.s) for stretch in stretches):
+            if root is None:  # by differences; Newton's method may leave the root
+                s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+                root = Contact(s, "transversal") if converged else None
+            if root is None or any(abs(root.s - stretch.s) <= stretch.reach for stretch in stretches):
                 continue
             # a root at the edge of two panels is found twice
             if _is_apart(root.s, single, SAME_PLACE) and _loses_rank(measured, root.s, size):
@@ -112,12 +114,6 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     # single roots beside a common contact are the same point, found less accurately
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
-
-
-def _general_root(measured: MeasuredMatrix, candidate: Candidate, size: int) -> Contact | None:
-    """Find the root of det G near a candidate by differences; None if Newton's method leaves it."""
-    s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-    return Contact(s, "transversal") if converged else None
 
 
 def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | None:
@@ -249,10 +245,6 @@ class RootStretch(NamedTuple):
 
     s: float  # of the extremum
     reach: float  # in s, to either side
-
-    def contains(self, s: float) -> bool:
-        """Return whether s is on the stretch."""
-        return abs(s - self.s) <= self.reach
 
 
 def _contacts_beside(measured: MeasuredMatrix, extremum: Extremum, size: int) -> tuple[list[Contact], float]:

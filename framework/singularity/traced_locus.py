@@ -114,6 +114,7 @@ def trace_locus(
     one_mode: bool = False,
     near: Sequence[Array] = (),
     longest: float = MAX_STEP,
+    with_cusps: bool = True,
 ) -> TracedLocus:
     """Trace the singular locus in the slice through an assembled configuration q (nq,).
 
@@ -126,6 +127,7 @@ def trace_locus(
         one_mode: follow curves in the working mode of q only, which is faster.
         near: further configurations (nq,) from which the search begins.
         longest: the longest step along a curve [rad, robot lengths].
+        with_cusps: whether the cusps are located, which takes as long as the curves.
 
     Raises:
         InvalidInput: see `LocusEquations.of`; or q is not an assembled configuration.
@@ -142,7 +144,8 @@ def trace_locus(
     solutions = solutions[region.contains(solutions)]
     curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
     described = tuple(
-        _describe_curve(equations, region.clip(curve), crossings) for curve, crossings in curves
+        _describe_curve(equations, region.clip(curve), crossings, with_cusps=with_cusps)
+        for curve, crossings in curves
     )
     return TracedLocus(robot, equations.free_names, described, starts=len(solutions))
 
@@ -183,7 +186,9 @@ def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]
     return [branch_point(equations, points.single(k), points.single(k + 1)) for k in changes]
 
 
-def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
+def _describe_curve(
+    equations: LocusEquations, curve: Curve, crossings: list[Points], *, with_cusps: bool
+) -> LocusCurve:
     """Describe a traced curve by platform, motors, modes, cusps and branch points.
 
     `crossings` are the branch points (S = 1 each).
@@ -212,7 +217,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
         kind=kind,
         closed=curve.ends[0] == "closed",
         ends=curve.ends,
-        cusps=_find_cusps(equations, points) if kind == "type_2" else (),
+        cusps=_find_cusps(equations, points) if with_cusps and kind == "type_2" else (),
         branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
 
@@ -270,8 +275,8 @@ def root_between(
     root = None
     for _ in range(iterations):
         last, share = share, shares[0] - values[0] * (shares[1] - shares[0]) / (values[1] - values[0])
-        point = advance(equations, start, share * chord, curvature)
-        if point is None or abs(share - last) < SHARE_ROUNDING:
+        point, arrives = advance(equations, start, np.array([share * chord]), curvature)
+        if not arrives or abs(share - last) < SHARE_ROUNDING:
             break
         root, value = point, measure(point)
         if abs(value) <= small:
@@ -307,10 +312,9 @@ def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> lis
     tangent = _second_tangent(equations, crossing)
     if tangent is None:
         return []
-    starts = [crossing._replace(tangent=direction[None]) for direction in (tangent, -tangent)]
-    no_curvature = np.zeros_like(crossing.tangent)
-    points = [advance(equations, start, FIRST_STEP, no_curvature) for start in starts]
-    return [point for point in points if point is not None]
+    starts = join([crossing._replace(tangent=direction[None]) for direction in (tangent, -tangent)])
+    points, arrives = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
+    return [points.single(k) for k in np.flatnonzero(arrives)]
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:

@@ -68,6 +68,32 @@ def test_the_play_of_a_joint_lets_the_resting_motors_joint_turn_by_its_backlash(
     assert "backlash" in said
 
 
+def test_springs_and_dampers_between_points_are_counted_by_energy_and_power(tmp_path):
+    """The held torque is the slope of the spring's energy; the error of a sine with all known loses both."""
+    folder = own_file("humanoid_knee").parent
+    text = (folder / "humanoid_knee.yaml").read_text()
+    spring = "springs:\n  - {name: calf, between: [thigh, rod], stiffness: 900, rest: 0.2, damping: 40}\n"
+    (tmp_path / "humanoid_knee.urdf").write_text((folder / "humanoid_knee.urdf").read_text())
+    (tmp_path / "knee.yaml").write_text(text.replace("springs:\n", spring))
+    robot, bare = ParallelRobot.from_file(tmp_path / "knee.yaml"), robots.load("humanoid_knee")
+    options = {"lower": [0.5], "upper": [1.5], "posture": [1.0], "frequencies": [2.0], "points": 3}
+    sprung, plain = transmission(robot, **options), transmission(bare, **options)
+    h = 1e-4
+    model, data = robot.model, robot.model.createData()
+    lengths = []
+    for x in (1.0 - h, 1.0, 1.0 + h):
+        pin.framesForwardKinematics(model, data, assemble(robot, [x]).q)
+        thigh, rod = (data.oMf[model.getFrameId(name)].translation.copy() for name in ("thigh", "rod"))
+        lengths.append(np.linalg.norm(rod - thigh))
+    before, middle, after = lengths
+    slope = (after - before) / (2 * h)
+    assert sprung.springs[1, 0] == pytest.approx(900 * (middle - 0.2) * slope, rel=1e-6)
+    assert sprung.damping[1, 0, 0] - plain.damping[1, 0, 0] == pytest.approx(40 * slope**2, rel=1e-6)
+    (error,), (without,) = sprung.errors, plain.errors
+    np.testing.assert_allclose(error.own_springs, without.own_springs, rtol=1e-9)
+    assert error.own_armature[0] > 2 * without.own_armature[0]
+
+
 def test_without_mass_in_the_linkage_nothing_is_left_of_the_error():
     from dataclasses import replace
 

@@ -11,9 +11,9 @@ import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
-from framework.atlas.survey import Window, map_axes, map_point, survey_window
+from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, Window, map_axes, map_point, survey_window
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
-from framework.atlas.workspace_map import workspace_map
+from framework.atlas.workspace_map import BAND_ROWS, _coarse_stride, workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each
@@ -51,6 +51,25 @@ def test_every_pose_of_the_5r_has_the_values_of_its_geometry():
     np.testing.assert_allclose(values["stiffness"], K[:, 0], rtol=1e-7, atol=1e-9 * K.max())
     squares = (2 * np.pi * values["frequency"]) ** 2
     np.testing.assert_allclose(squares, K[:, 0] / five_bar_pose.PAYLOAD, rtol=1e-7, atol=1e-10 * K.max())
+
+
+@pytest.mark.parametrize("size", [5, 9, 30, 70, 300])
+def test_coarse_poses_are_as_far_apart_as_neighbours_may_be_and_no_farther(size):
+    robot = robots.load("five_bar")
+    seen = window(robot, size)
+    stride, edge = _coarse_stride(robot, seen), seen.cell.max() / robot.length
+    assert stride == 1 or stride * edge <= MAX_NEIGHBOUR_DISTANCE
+    assert stride == BAND_ROWS or 2 * stride * edge > MAX_NEIGHBOUR_DISTANCE
+
+
+def test_one_motor_with_a_torque_limit_is_enough_to_ask_what_the_motors_hold():
+    description = robots.load("five_bar").description
+    first, second = description.actuators
+    limited = replace(description, actuators=(first, replace(second, torque_limit=2.0)))
+    g, holding = choose_quantities(ParallelRobot.from_description(limited), ["holding"])
+    assert (g.key, holding.key) == ("g", "holding")
+    with pytest.raises(InvalidInput, match="holding"):
+        choose_quantities(robots.load("five_bar"), ["holding"])
 
 
 def test_what_is_reached_is_the_workspace_and_no_elbow_has_turned_over():

@@ -3,8 +3,8 @@
 Recordings of robots whose masses, rotors and friction differ from their files', by closed inverse dynamics:
 one stroke, strokes to and fro on a line, and sums of sines. Encoders have 16 bits and half a step of noise,
 torques 1 % of noise, steps of 0.2 % and a scale that is off by 0.5 %. A parameter counts as determined if the
-data decide it rather than the prior about the file, and its deviation is below its true value or a twentieth
-of its typical size.
+data leave less than half of the file's deviation, and its deviation is below its true value or a twentieth of
+its typical size.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from framework.identification import (
     torque_parameters,
     with_masses_and_motors,
 )
-from framework.identification.least_squares import estimate, prior_root
+from framework.identification.least_squares import estimate
 from framework.identification.measured_motion import measured_motion
 from framework.identification.torque_rows import torque_rows
+from framework.identification.unknowns import choose_unknowns, is_determined
 from framework.kinematics import close_loops
 
 ROBOTS = ("five_bar_heavy", "slider_crank", "three_rrr", "four_bar", "delta", "orthoglide")
@@ -129,16 +130,17 @@ def measure_coverage(name: str, motion: str, runs: int) -> Coverage:
     base = base_parameters(nominal)
     truth = base.combinations.coefficients @ theta
     sizes = base.described.sizes[base.combinations.leading]
-    root = prior_root(base, collect_link_parameters(nominal, base.described), 1.0)
+    unknowns = choose_unknowns(base, collect_link_parameters(nominal, base.described))
+    by_prior = np.linalg.norm(unknowns.design, axis=1)
     exact = exact_motors(true, motion)
     ratios, determined = [], []
     for seed in range(runs):
         measured = measured_motion(nominal, record(true, exact, seed))
-        fit = estimate(torque_rows(nominal, measured, base), np.eye(base.rank), base.values)
-        found = fit.solve(root)
-        ratios.append((base.values + found.values - truth) / found.deviations)
-        small = found.deviations < np.maximum(np.abs(truth), 0.05 * sizes)
-        determined.append(found.determined & small)
+        found = estimate(torque_rows(nominal, measured, base), unknowns.design, base.values)
+        deviations = np.linalg.norm(unknowns.design @ found.spread, axis=1)
+        ratios.append((base.values + unknowns.design @ found.values - truth) / deviations)
+        small = deviations < np.maximum(np.abs(truth), 0.05 * sizes)
+        determined.append(is_determined(deviations, by_prior) & small)
     return Coverage(np.array(ratios), np.array(determined))
 
 

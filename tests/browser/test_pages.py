@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 import robots
+from framework import ParallelRobot
+from framework.model.description import LineSpring
+from framework.planning.scenes import scene_request
+from framework.show.film import film_motion
 from framework.show.page import film_page
 from tests.browser.conftest import wait_until
 from tests.browser.pages import BETWEEN, ON_SCREEN, filmed, gap, nodes_at, placements
@@ -131,6 +135,38 @@ def test_motors_darken_with_their_torque_and_springs_stretch(opened):
         assert scale == pytest.approx(1 + stretch, abs=1e-6)
     assert abs(stretch) > 0.1  # it can be seen
     assert "springs: stretch drawn ×" in tab.inner_text(".column .legend")
+
+
+def test_a_spring_between_points_leads_from_the_one_to_the_other_at_all_times(opened):
+    spring = LineSpring(("base", "platform"), 50.0, 0.0, 0.0)
+    robot = ParallelRobot.from_description(replace(robots.load("delta").description, line_springs=(spring,)))
+    film = film_motion(robot, scene_request(robot, "cross"), name="cross")
+    tab = opened(film_page([film]))
+    ends = """() => crossing.films[0].view.springs.map(({ coil: { object, length } }) => {
+      object.updateMatrix();
+      const end = object.position.clone().set(0, 0, length).applyMatrix4(object.matrix);
+      return [object.position.toArray(), end.toArray()];
+    })"""
+    for k in (0, 200, len(film.time) - 1):
+        nodes_at(tab, float(film.time[k]))
+        ((start, end),) = tab.evaluate(ends)
+        assert start == pytest.approx(np.zeros(3), abs=1e-6)  # the base's origin
+        assert end == pytest.approx(film.platform[k], abs=1e-5)
+
+
+def test_turns_and_moments_stand_beside_the_shifts_and_forces_that_they_would_hide(opened):
+    film = filmed("par4", "cross")
+    tab = opened(film_page([film]))
+    nodes_at(tab, film.instants[0].time)
+    middle, *beside = tab.evaluate("""() => {
+      const { arrows, origin, length } = crossing.films[0].vectors;
+      const places = ["t_s", "W_p"].map((name) => arrows[name].angular.object.position.clone().sub(origin));
+      const shift = arrows.t_s.linear.object.position.distanceTo(origin);
+      return [shift, ...places.map((place) => place.divideScalar(length).toArray())];
+    }""")
+    assert middle < 1e-6
+    assert np.linalg.norm(np.array(beside), axis=1).min() > 0.2
+    assert np.dot(*beside) < 0  # on either side
 
 
 def test_scenes_stand_side_by_side_and_the_unproved_one_says_so(shared):

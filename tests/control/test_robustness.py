@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
 import robots
 from framework import InvalidInput, plan_scene
@@ -120,6 +119,8 @@ def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torqu
 
 
 def test_the_interval_is_wilsons():
+    from scipy.stats import binomtest  # takes half a second to import
+
     study = run_study(controller("naive_computed_torque", period=5e-3), ControlLoop(), PAYLOAD, runs=7)
     passed = int(study.passed.sum())
     expected = binomtest(passed, 7).proportion_ci(method="wilson")

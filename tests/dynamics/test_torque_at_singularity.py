@@ -76,6 +76,14 @@ def test_a_constant_wrench_of_the_world_is_in_the_limit():
     np.testing.assert_allclose(on.torque, limit, rtol=0, atol=1e-6 * np.abs(limit).max())
 
 
+def test_springs_that_rest_leave_the_limit_of_the_rigid_robot():
+    robot, q = on_the_axis()
+    elastic = robots.load("five_bar", flexibility="flexible_links")
+    moving = {"dx": TO_AND_FRO, "dddx": np.array([2.0, 3.0])}
+    found = dynamics_at(elastic, assemble(elastic, ON_THE_AXIS).q, **moving)
+    np.testing.assert_allclose(found.torque, dynamics_at(robot, q, **moving).torque, rtol=1e-9)
+
+
 def test_without_a_jerk_it_is_asked_for():
     robot, q = on_the_axis()
     with pytest.raises(SingularPose, match=r"Type 2.*third order; give dddx"):

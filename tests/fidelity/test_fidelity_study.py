@@ -20,6 +20,7 @@ from framework import (
 )
 from framework.cli import main
 from framework.cli.fidelity import fidelity_lines
+from framework.dynamics.open_loop import MotorControl
 from framework.fidelity.fidelity_study import _plan_motion
 from framework.fidelity.model_comparison import Comparison, ReferenceMotion
 from framework.fidelity.predicted_level import compute_level_motions, options_of_level, robot_at_level
@@ -119,6 +120,38 @@ def test_the_highest_level_follows_its_plan_in_its_own_simulation():
     highest = crossing_study().levels[-1]
     assert highest.torque < 1e-12
     assert highest.platform <= 0.1 * crossing_study().tolerance
+
+
+@pytest.mark.parametrize(("error_of_a_step", "steps"), [(10.0, 1e-3), (1e3, 1e-5)])
+def test_steps_are_shortened_until_the_plan_follows_itself(monkeypatch, error_of_a_step, steps):
+    """Steps are off by 1e-3 of the tolerance or, if that carries the platform off, by 1e-5 of it."""
+    study = crossing_study()
+    reference = ReferenceMotion.of(study.highest, study.robot, study.tolerance)
+    reference.length = reference.highest.length  # shares of the path's length are shares of the robot's
+
+    def simulated(self, level, motion):
+        error = np.full(len(self.times), error_of_a_step * self.step_error)
+        return Comparison(level, motion, 0.0 * error, error)
+
+    monkeypatch.setattr(ReferenceMotion, "_simulate", simulated)
+    assert list(reference.compare_levels([])) == []
+    assert reference.step_error == pytest.approx(steps * study.tolerance)
+
+
+def test_controllers_push_motors_back_to_their_planned_angles():
+    """Off by d at a speed off by v a motor gets k_p d + k_d v more, on its side of the gear."""
+    study, control = crossing_study(), MotorControl(np.array([3.0, 5.0]), np.array([0.2, 0.7]))
+    reference = replace(ReferenceMotion.of(study.highest, study.robot, study.tolerance), control=control)
+    motion, t = study.highest.dynamics, np.array([0.4])
+    drive, plain = reference._make_drive(motion), replace(reference, control=None)._make_drive(motion)
+    q, v = motion.configuration(t), motion.velocity(t)
+    off, faster = np.array([1e-3, -2e-3]), np.array([0.1, 0.3])  # [rad, rad/s] of the motors
+    moved_q, moved_v = q.copy(), v.copy()
+    moved_q[:, study.robot.actuated] += off / study.robot.gear_ratio
+    moved_v[:, study.robot.actuated] += faster / study.robot.gear_ratio
+    np.testing.assert_allclose(drive.function(t, q, v), plain.function(t, q, v), atol=1e-10)
+    added = drive.function(t, moved_q, moved_v) - plain.function(t, moved_q, moved_v)
+    np.testing.assert_allclose(added[0], -control.k_p * off - control.k_d * faster, atol=1e-10)
 
 
 def test_a_robot_without_springs_is_judged_by_the_rigid_one():

@@ -74,7 +74,7 @@ def test_scaled_matrices_map_unit_motions_to_robot_lengths_and_radians(name):
     robot = robots.load(name)
     q, v = anywhere(robot, 4)
     jacobian = loop_equations(robot.rows, frames_at(robot, q[None])).jacobian
-    rate = scale_jacobian(robot, jacobian, robot.rows.rotation)[0] @ (v / robot.column_scale)
+    rate = scale_jacobian(robot, jacobian, robot.row_lengths)[0] @ (v / robot.column_scale)
     unit = np.where(robot.rows.rotation, 1.0, robot.length)
     np.testing.assert_allclose(rate * unit, jacobian[0] @ v, rtol=1e-12, atol=1e-13 * robot.length)
 

@@ -1,6 +1,7 @@
 """Stacked poses, Jacobians and motions of frames against pinocchio's own answers, frame by frame."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import eigenpy
 import numpy as np
@@ -8,8 +9,10 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.kinematics.frames import Scratch, frame_motions, frames_at
+from framework import InvalidInput
+from framework.kinematics.frames import Scratch, frame_motions, frames_at, scratch_of
 from framework.model.description import FLEXIBILITIES
+from framework.simulation import Stepper
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 # slides, turns, springs of six axes, a free root
@@ -73,6 +76,20 @@ def test_threads_do_not_share_a_working_memory():
         found = list(pool.map(lambda part: frames_at(robot, part).position, [*q.reshape(4, 50, -1)] * 5))
     for positions, same in zip(found, expected * 5, strict=True):
         np.testing.assert_array_equal(positions, same)
+
+
+def test_a_model_that_a_caller_adds_frames_to_has_room_for_them():
+    """Pinocchio would write the new placements beyond the memory of the old ones."""
+    robot = robots.load("five_bar")
+    robot = replace(robot, model=robot.model.copy())
+    q = robot.reference.q[None]
+    expected = frames_at(robot, q).placements
+    for k in range(20):
+        robot.model.addFrame(pin.Frame(f"tool_{k}", 1, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    assert len(scratch_of(robot).placements) == robot.model.nframes
+    np.testing.assert_array_equal(frames_at(robot, q).placements, expected)
+    with pytest.raises(InvalidInput, match="more than numbers"):
+        Stepper.of([robots.load("five_bar"), robot])
 
 
 def test_copies_of_the_working_memory_are_refused():

@@ -67,7 +67,9 @@ def test_a_missing_package_is_named_with_what_to_do(nothing_installed):
     assert "standing_quadruped.yaml: urdf: " in str(caught.value)
 
 
-def test_the_catalogue_works_without_the_package(nothing_installed, capsys):
+def test_the_catalogue_works_without_the_package(nothing_installed, capsys, monkeypatch):
+    two = {name: robots.CATALOGUE[name] for name in ("five_bar", "two_arms")}
+    monkeypatch.setattr("framework.cli.robots.catalogue", lambda: two)
     assert cli.main(["robots", "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["robots"]}
     assert rows["two_arms"]["needs"] == "example-robot-data"

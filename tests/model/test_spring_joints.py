@@ -1,13 +1,17 @@
 """Springs as virtual joints: at rest nothing has changed, and each gives way where its file says."""
 
+from collections.abc import Sequence
+from xml.etree.ElementTree import fromstring
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import robots
+from framework.kinematics.tree_model import tree_model
 from framework.model.description import Spring
-from framework.model.urdf_edits import insert_springs, make_continuous_joints_revolute
-from tests.urdf_edits import edited
+from framework.model.urdf_edits import insert_springs
+from framework.model.urdf_elements import read_tree
 
 # A motor, an elbow turned about x and a tip turned about z, so that frames and base differ.
 ARM = """
@@ -36,9 +40,14 @@ def spring(after: str, *motion: str, name: str = "soft") -> Spring:
     return Spring(name, "link", after, motion, (1.0,) * max(len(motion), 1))
 
 
-def placements(urdf: str, **coordinates: float) -> dict[str, pin.SE3]:
+def model_of(urdf: str, springs: Sequence[Spring] = ()) -> pin.Model:
+    tree = read_tree(fromstring(urdf))
+    insert_springs(tree, springs)
+    return tree_model(tree)
+
+
+def placements(model: pin.Model, **coordinates: float) -> dict[str, pin.SE3]:
     """Pose of each link in the base, joints not named at zero."""
-    model = pin.buildModelFromXML(urdf)
     data = model.createData()
     q = np.zeros(model.nq)
     for name, value in coordinates.items():
@@ -67,7 +76,7 @@ def assert_same_pose(one: pin.SE3, other: pin.SE3) -> None:
 
 
 def test_the_rigid_robot_is_the_untouched_urdf():
-    assert edited(REVOLUTE, (insert_springs, ())) == edited(REVOLUTE)
+    assert model_of(REVOLUTE, []) == model_of(REVOLUTE)
 
 
 @pytest.mark.parametrize("name", robots.CATALOGUE)
@@ -77,8 +86,8 @@ def test_with_springs_at_rest_all_links_are_where_the_rigid_robot_has_them(name)
         joints = dict(zip(rigid.model.names[1:], RNG.uniform(-3, 3, rigid.model.nq), strict=True))
         urdf = rigid.description.urdf_text
         springs = elastic.description.active_springs(elastic.flexibility)
-        at_rest = placements(edited(urdf, (insert_springs, springs)), **joints)
-        for link, pose in placements(urdf, **joints).items():
+        at_rest = placements(model_of(urdf, springs), **joints)
+        for link, pose in placements(model_of(urdf), **joints).items():
             assert_same_pose(at_rest[link], pose)
 
 
@@ -86,32 +95,36 @@ def test_with_springs_at_rest_all_links_are_where_the_rigid_robot_has_them(name)
 @pytest.mark.parametrize("after", ["motor", "rail", "weld"])
 def test_a_spring_moves_the_child_along_an_axis_of_its_own_frame(after, axis):
     child = {"motor": "crank", "rail": "slider", "weld": "tip"}[after]
-    urdf = edited(REVOLUTE, (insert_springs, [spring(after, axis)]))
+    urdf = model_of(REVOLUTE, [spring(after, axis)])
     moved = placements(urdf, motor=MOTOR, rail=RAIL, soft=0.1)
-    rigid = placements(REVOLUTE, motor=MOTOR, rail=RAIL)
+    rigid = placements(model_of(REVOLUTE), motor=MOTOR, rail=RAIL)
     assert_same_pose(moved[child], rigid[child] * twisted(axis, 0.1))
     assert_same_pose(moved["tip"], moved[child] * (rigid[child].inverse() * rigid["tip"]))  # the rest follows
 
 
 @pytest.mark.parametrize("after", ["motor", "rail"])
 def test_a_spring_without_motion_gives_way_as_its_joint_moves(after):
-    urdf = edited(REVOLUTE, (insert_springs, [spring(after)]))
+    urdf = model_of(REVOLUTE, [spring(after)])
     joints = {"motor": MOTOR, "rail": RAIL}
     further = {**joints, after: joints[after] + 0.1}
-    assert_same_pose(placements(urdf, **joints, soft=0.1)["tip"], placements(REVOLUTE, **further)["tip"])
+    assert_same_pose(
+        placements(urdf, **joints, soft=0.1)["tip"], placements(model_of(REVOLUTE), **further)["tip"]
+    )
 
 
 def test_a_joint_without_an_axis_has_the_urdf_default_x():
     urdf = REVOLUTE.replace('<axis xyz="0 0.6 0.8"/>', "")
-    elastic = edited(urdf, (insert_springs, [spring("motor")]))
-    assert_same_pose(placements(elastic, motor=0.2, soft=0.3)["tip"], placements(urdf, motor=0.5)["tip"])
+    elastic = model_of(urdf, [spring("motor")])
+    assert_same_pose(
+        placements(elastic, motor=0.2, soft=0.3)["tip"], placements(model_of(urdf), motor=0.5)["tip"]
+    )
 
 
 def test_the_axes_of_one_spring_follow_each_other_in_the_order_given():
     several = spring("weld", "x", "rz", "y")
-    urdf = edited(REVOLUTE, (insert_springs, [several]))
+    urdf = model_of(REVOLUTE, [several])
     moved = placements(urdf, motor=MOTOR, soft_x=0.1, soft_rz=0.2, soft_y=0.3)["tip"]
-    expected = placements(REVOLUTE, motor=MOTOR)["tip"]
+    expected = placements(model_of(REVOLUTE), motor=MOTOR)["tip"]
     for axis, amount in (("x", 0.1), ("rz", 0.2), ("y", 0.3)):
         expected *= twisted(axis, amount)
     assert several.coordinates == ("soft_x", "soft_rz", "soft_y")
@@ -120,9 +133,9 @@ def test_the_axes_of_one_spring_follow_each_other_in_the_order_given():
 
 def test_several_springs_behind_one_joint_follow_it_in_the_order_given():
     springs = [spring("motor", name="drive"), spring("motor", "y", name="bend"), spring("rail", "rx")]
-    urdf = edited(REVOLUTE, (insert_springs, springs))
+    urdf = model_of(REVOLUTE, springs)
     moved = placements(urdf, motor=MOTOR, drive=0.1, bend=0.2, soft=0.3)["crank"]
-    assert_same_pose(moved, placements(REVOLUTE, motor=MOTOR + 0.1)["crank"] * twisted("y", 0.2))
+    assert_same_pose(moved, placements(model_of(REVOLUTE), motor=MOTOR + 0.1)["crank"] * twisted("y", 0.2))
 
 
 def test_springs_bring_neither_mass_nor_limits():
@@ -133,27 +146,18 @@ def test_springs_bring_neither_mass_nor_limits():
     assert np.all(elastic.model.lowerPositionLimit[elastic.elastic] < -1e6)
 
 
-def test_joints_without_continuous_ones_keep_their_text():
-    assert edited(REVOLUTE, (make_continuous_joints_revolute,)) == edited(REVOLUTE)
-
-
 @pytest.mark.parametrize("limit", ["", LIMIT])
 def test_a_continuous_joint_counts_its_turns(limit):
-    urdf = ARM.format(motor="continuous", limit=limit)
-    counting = pin.buildModelFromXML(edited(urdf, (make_continuous_joints_revolute,)))
-    assert pin.buildModelFromXML(urdf).nq == 3  # a point on a circle, and the rail
-    assert counting.nq == counting.nv == 2
-    turned = placements(edited(urdf, (make_continuous_joints_revolute,)), motor=MOTOR + 4 * np.pi)
+    counting = model_of(ARM.format(motor="continuous", limit=limit))
+    assert counting.nq == counting.nv == 2  # no point on a circle
+    turned = placements(counting, motor=MOTOR + 4 * np.pi)
     np.testing.assert_allclose(
-        turned["tip"].homogeneous, placements(REVOLUTE, motor=MOTOR)["tip"].homogeneous, atol=1e-14
+        turned["tip"].homogeneous, placements(model_of(REVOLUTE), motor=MOTOR)["tip"].homogeneous, atol=1e-14
     )  # cos and sin of 13 rad
 
 
 def test_a_continuous_motor_can_have_a_spring_of_its_own():
-    urdf = edited(
-        ARM.format(motor="continuous", limit=""),
-        (make_continuous_joints_revolute,),
-        (insert_springs, [spring("motor")]),
+    moved = placements(
+        model_of(ARM.format(motor="continuous", limit=""), [spring("motor")]), motor=MOTOR, soft=0.1
     )
-    moved = placements(urdf, motor=MOTOR, soft=0.1)["tip"]
-    assert_same_pose(moved, placements(REVOLUTE, motor=MOTOR + 0.1)["tip"])
+    assert_same_pose(moved["tip"], placements(model_of(REVOLUTE), motor=MOTOR + 0.1)["tip"])

@@ -15,7 +15,10 @@ from framework import (
     simulate,
 )
 from framework.control import reference_of
+from framework.dynamics.drive_limits import DriveLimits
 from framework.files.trajectory_file import joint_trajectory
+from framework.planning.chain import DepartingCurve, envelop_drives
+from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects_of
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
@@ -95,6 +98,28 @@ def test_a_chain_has_limits_that_each_of_its_plans_keeps():
     assert chain_plans([plan, plan.restart(0.5, duration=1.6)], [0.5]).request.torque_limit[0] is None
 
 
+def test_what_a_drive_of_a_plan_admits_that_of_the_chain_admits_too():
+    """Also torques that brake at speeds beyond the no-load speed of some plan."""
+    random = np.random.default_rng(20261129)
+    for _ in range(20):
+        torque, corner = random.uniform(0.1, 3.0, (2, 3, 2))  # of three plans and two motors
+        no_load = corner * random.uniform(1.01, 3.0, (3, 2))
+        drives = [
+            DriveLimits(*limits, torque[0], None) for limits in zip(torque, corner, no_load, strict=True)
+        ]
+        corner_speed, no_load_speed, _rms = envelop_drives(drives)
+        assert np.all((corner_speed > 0.0) & (corner_speed < no_load_speed))
+        chain = DriveLimits(torque.max(axis=0), corner_speed, no_load_speed, torque[0], None)
+        T, w = random.uniform(-1.0, 1.0, (2, 4000, 2)) * np.array([3.0, 20.0])[:, None, None]
+        admitted = [
+            (np.abs(T) <= each.torque_limit) & (np.abs(each.curve_ratio(T, w)) <= 1.0)
+            for each in (*drives, chain)
+        ]
+        assert np.any(admitted[:3], axis=0)[~admitted[3]].sum() == 0
+    same = envelop_drives([drives[0], drives[0]])
+    np.testing.assert_allclose(same[:2], [drives[0].corner_speed, drives[0].no_load_speed], rtol=1e-14)
+
+
 def test_the_path_of_a_chain_is_one_motion_to_inverse_dynamics():
     """Computed anew along the chain's path, without the plans: other nodes, and no seam."""
     plan = plan_crossing(five_bar(), PATH, duration=1.5, end_speed=0.4)
@@ -146,3 +171,26 @@ def test_plans_that_do_not_meet_are_no_chain():
         chain_plans([plan, plan])
     with pytest.raises(InvalidInput, match="at least two"):
         chain_plans([plan])
+
+
+@pytest.mark.slow
+def test_springs_that_carry_masses_take_the_next_plan_up_without_a_jump():
+    """They follow derivatives beyond those that torques contain: with four the torque jumps by 4e-6 N m."""
+    robot = robots.load("biglide", flexibility="flexible_links")
+    path = scene_path(robot.description.scenes["across"])
+    plan = plan_crossing(robot, path, duration=1.0, end_speed=0.4, law="polynomial")
+    rest = plan.restart(0.8, duration=0.3, law="polynomial")
+    assert np.abs(rest.torque(0.0) - plan.torque(0.8)).max() < SEAM
+    assert simulate(chain_plans([plan, rest], [0.8])).tracking_error < 1e-9
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rpr"])
+def test_a_curve_to_a_goal_stays_beside_the_straight_way_of_a_straight_motion(name):
+    """The law takes what the motion does along its tangent: of a line, a curve on along this line remains."""
+    robot = robots.load(name)
+    x = robot.reference.x
+    direction = robot.platform_scale * np.eye(robot.n)[0]
+    motion = [x, *(rate * direction for rate in (0.5, 3.0, -40.0, 900.0, 2e4, 1e6, -1e7, 1e9))]
+    curve = DepartingCurve.to_goal(robot, motion, x + 0.3 * direction)
+    s = np.linspace(0.0, 1.0, 11)
+    np.testing.assert_allclose(curve(s), x + 0.3 * s[:, None] * direction, atol=1e-12)

@@ -22,6 +22,7 @@ from framework import (
     plan_crossing,
 )
 from framework.laws.law import conditions_at_instants
+from framework.planning.plan_facts import motion_facts
 from framework.planning.refusals import check_advance
 
 ROBOT = "five_bar"
@@ -125,13 +126,13 @@ def law_of_least_degree(robot, time: float, speed: float) -> tuple[Law, float]:
 def test_a_law_that_runs_backwards_on_the_way_is_refused_and_one_of_higher_degree_found(robot):
     law, s = law_of_least_degree(robot, 1.2, 2.0)
     with pytest.raises(NoLaw, match="runs backwards at t = "):
-        check_advance(law, [s], "robot")
+        check_advance(law, [s])
     assert plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0]).certificate.monotone
 
 
-def test_a_speed_that_no_law_found_meets_is_refused(robot):
+def test_a_speed_that_no_polynomial_found_meets_is_refused(robot):
     with pytest.raises(NoLaw, match=r"it leaves the path at s = 0.* degree 40 found"):
-        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[20.0])
+        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[20.0], law="polynomial")
 
 
 def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
@@ -184,4 +185,12 @@ def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8(
 def test_a_law_that_meets_the_locus_again_is_refused(robot):
     law, s = law_of_least_degree(robot, 0.15, 0.2)
     with pytest.raises(NoLaw, match="does not always advance"):
-        check_advance(law, [s], "robot")
+        check_advance(law, [s])
+
+
+def test_an_acceleration_that_is_rounding_is_printed_without_a_sign(robot):
+    plan = plan_crossing(robot, LINE, duration=1.5, times=[1.0], speeds=[1.5])
+    (crossing,) = plan.crossings
+    for acceleration in (-1e-12, 0.0, 1e-12):
+        facts = motion_facts(replace(plan, crossings=(replace(crossing, acceleration=acceleration),)))
+        assert any('s" = 0 1/s2' in fact.value for fact in facts)

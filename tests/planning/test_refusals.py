@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import pickle
 import re
 from functools import cache
 from importlib import import_module
@@ -75,3 +76,21 @@ def test_what_the_table_names_is_on_the_way_of_a_plan(reason):
         module, _, function = name.rpartition(".")
         assert module in modules_on_the_way()
         assert getattr(import_module(module), function).__module__ == module
+
+
+def test_a_refusal_is_said_from_its_parts_also_behind_a_process():
+    refusal = errors.NoLaw("the law turns back", name="arm").adding("give other times", "")
+    again = pickle.loads(pickle.dumps(refusal.adding("nor does a bend help")))
+    for error in (refusal, again):
+        assert (error.message, error.clauses) == (
+            "the law turns back",
+            ("give other times", "nor does a bend help"),
+        )
+        assert str(error) == "arm: the law turns back; give other times; nor does a bend help"
+
+
+def test_nothing_takes_the_text_of_an_error_apart():
+    cuts = re.compile(
+        r"str\(\w+\)\.(removeprefix|removesuffix|r?partition|startswith|endswith)\(|\w\.args = "
+    )
+    assert not [module for module, file in FILES.items() if cuts.search(file.read_text())]

@@ -116,7 +116,7 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
         urdf = urdf.replace(f'lower="{lower}" upper="{upper}"', f'lower="{least}" upper="{largest}"')
     narrowed = ParallelRobot.from_description(replace(robot.description, urdf_text=urdf))
     names = [limit.joint for limit in narrowed.limits]
-    window = survey_window(narrowed, size=41, keep_limits=True)
+    window = survey_window(narrowed, size=23, keep_limits=True)
     with pytest.raises(InvalidInput, match="quantity holding"):  # without it the motors' limits are unknown
         restrict_to_ranges(workspace_map(narrowed, replace(window, shape=(3, 3))))
     everything = workspace_map(narrowed, window, ["holding"])
@@ -127,7 +127,7 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
     place = np.concatenate([x, motors], axis=-1)
     beyond = np.maximum(limits[:, 0] - place, place - limits[:, 1]) / (limits[:, 1] - limits[:, 0])
     assert everything.reached.all()
-    assert 300 < within.reached.sum() < everything.reached.sum()
+    assert 0.15 * x[..., 0].size < within.reached.sum() < everything.reached.sum()
     np.testing.assert_array_equal(within.reached, (beyond <= 0).all(axis=-1))
     joints = ("ankle_pitch", "ankle_roll", "motor_a", "motor_b")
     for i, j in np.argwhere(~within.reached):
@@ -141,10 +141,10 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
 def test_what_its_motors_hold_within_their_limits_has_a_closed_form(robot):
     """A moment about the axes of pitch and roll, by virtual work, beside the weight of the foot."""
     moment, limit = np.array([35.0, 10.0]), 2.3889  # [N m]
-    window = survey_window(robot, size=21, keep_limits=True)
+    window = survey_window(robot, size=13, keep_limits=True)
     everything = workspace_map(robot, window, ["holding"], wrench=moment)
     within, share = restrict_to_ranges(everything), everything.values["holding"]
-    for i, j in np.argwhere(everything.reached)[::7]:
+    for i, j in np.argwhere(everything.reached)[::5]:
         weight = dynamics_at(robot, everything.q[i, j]).torque
         slope = derivative(cranks, window.points()[i, j])
         torque = weight - np.linalg.solve(slope.T, moment) / GEAR

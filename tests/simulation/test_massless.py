@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotAssembled, plan_scene, simulate
+from framework import InvalidInput, NotAssembled, ParallelRobot, plan_scene, simulate
+from framework.model.description import LineSpring
 from framework.simulation.consistent_states import consistent_state, free_motions
 from framework.simulation.equations import EquationsOfMotion
 
@@ -85,6 +86,20 @@ def test_a_motion_with_neither_mass_nor_stiffness_is_refused_and_named():
     weightless = replace(robot, model=model, rotor_inertia=np.zeros(2))
     with pytest.raises(InvalidInput, match=r"a motion of .*neither mass nor stiffness.*<inertial>"):
         simulate(weightless, lambda t: [0.0, 0.0], duration=0.1)
+
+
+def test_massless_motions_that_dampers_between_points_hold_keep_their_start():
+    """Dampers from the tip to two points of the base resist all motions, and no spring drives one."""
+    description = robots.load("five_bar").description
+    dampers = tuple(LineSpring((base, "left_tip"), damping=4.0) for base in ("left_crank", "base"))
+    robot = ParallelRobot.from_description(replace(description, line_springs=dampers))
+    model = robot.model.copy()
+    for joint in range(1, model.njoints):
+        model.inertias[joint].setZero()
+    robot = replace(robot, model=model, rotor_inertia=np.zeros(2))
+    start = robot.reference.q
+    q, _ = consistent_state(EquationsOfMotion.of(robot), start, np.zeros(robot.nv), np.zeros(2))
+    np.testing.assert_allclose(q, start, rtol=0, atol=1e-13)
 
 
 def test_a_start_that_does_not_close_is_refused(robot):

@@ -60,7 +60,7 @@ def trials(count: int) -> int:
 
     s = np.arange(1, count + 1) / (count + 1)
     with pytest.raises(NoLaw):
-        choose_timing(list(s), OPEN, measure, "robot")
+        choose_timing(list(s), OPEN, measure)
     return tried
 
 

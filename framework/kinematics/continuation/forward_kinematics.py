@@ -144,11 +144,12 @@ def curve_end_error(
     place = f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"
     if end.clearance[0] > type_2_end_ratio * usual_clearance:
         return NotAssembled(
-            f"{robot.name}: the loops cannot be followed {place}", q=end.q[0], residual=residual
+            f"the loops cannot be followed {place}", name=robot.name, q=end.q[0], residual=residual
         )
     return Type2Singularity(
-        f"{robot.name}: a Type 2 singularity {place}: with its motors locked the robot can still move there, "
+        f"a Type 2 singularity {place}: with its motors locked the robot can still move there, "
         f"and this assembly mode ends",
+        name=robot.name,
         q=end.q[0],
         residual=residual,
         share=share,

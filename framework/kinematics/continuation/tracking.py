@@ -51,7 +51,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike
-from framework.tolerances import FILE_ROUNDING, SAME_PLACE
+from framework.tolerances import FILE_ROUNDING, MAX_TURNS, SAME_PLACE
 
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
@@ -132,10 +132,22 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
+    _check_turns(robot, path)
     x = finite_numbers("the start of the path", path(0.0), robot.n)
     start = linearised_at_reference(robot) if _is_near_reference(robot, x) else _reach(robot, x)[0]
     followed = _follow_to_end(robot, path, start, "the path")
     return Branch.through(robot, path, followed.panels, followed.steps)
+
+
+def _check_turns(robot: ParallelRobot, path: Path) -> None:
+    """Refuse a path on which a coordinate of the platform turns by more than MAX_TURNS."""
+    travel = np.abs(np.diff(path(np.linspace(0.0, 1.0, 201)), axis=0)).sum(axis=0)  # (n,) [m, rad]
+    for name, angle, slides in zip(robot.axis_names, travel.tolist(), robot.translations, strict=True):
+        if not slides and angle > MAX_TURNS * 2.0 * np.pi:
+            raise InvalidInput(
+                f"the path turns {name} by {angle:.4g} rad, {angle / (2.0 * np.pi):.3g} turns; at most "
+                f"{MAX_TURNS} are followed: points are in rad, and of turns that repeat plan one"
+            )
 
 
 def follow_path(
@@ -267,21 +279,22 @@ def _branch_end_error(
     place = f"at s = {s:.6g}, {robot.place(x)}"
     if _closes_beyond(robot, path, last):
         return Type1Singularity(
-            f"{robot.name}: {subject} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
+            f"{subject} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
             f"or folded there and could go on in another working mode",
+            name=robot.name,
             s=s,
             platform=x,
             joint=joint,
         )
     return OutOfReach(
-        f"{robot.name}: {subject} leaves the workspace {place}: the leg of {joint} cannot follow"
-        + remark_on_reach(robot, path(1.0)[robot.platform.sliding]),
+        f"{subject} leaves the workspace {place}: the leg of {joint} cannot follow",
+        name=robot.name,
         q=last.q[0],
         residual=float(np.abs(linearised.residual).max()),
         s=s,
         platform=x,
         joint=joint,
-    )
+    ).adding(remark_on_reach(robot, path(1.0)[robot.platform.sliding]))
 
 
 def _longest_reach(robot: ParallelRobot) -> float:
@@ -303,7 +316,7 @@ def _longest_reach(robot: ParallelRobot) -> float:
 
 
 def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
-    """Return a remark on a platform out of reach of the links; empty if within reach.
+    """Return a clause on a platform out of reach of the links; empty if within reach.
 
     `position` has the prescribed translations of the platform's origin [m].
     """
@@ -311,7 +324,7 @@ def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
     if distance <= reach:
         return ""
     return (
-        f"; points are in m: {point(position)} is {distance:.4g} m from the base, "
+        f"points are in m: {point(position)} is {distance:.4g} m from the base, "
         f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
         f"{reach:.3g} m"
     )
@@ -351,8 +364,9 @@ def uncontrolled_error(
     """Return the error for `count` uncontrolled motions at s and platform x (n,), with a `reason`."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
-        f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
+        f"{words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
         f"{robot.place(x)}: {reason}",
+        name=robot.name,
         s=s,
         platform=x,
         count=count,

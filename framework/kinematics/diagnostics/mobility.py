@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import FrameworkError, NotAssembled
-from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
+from framework.kinematics.assembly import joint_loops_matrix, loops_at, nearby_configurations
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.loop_structure import (
@@ -80,9 +80,9 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     undriven = motions @ null_space(driven_rates @ motions)  # (nv, k) neither motors nor platform move
 
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
-    with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
-    idle = _choose_joints(undriven @ without_mass)
-    loose = _choose_joints(undriven @ with_mass, excluded=idle)
+    with_mass, without_mass = split_row_space(mass_velocities, NEARLY_AT_REST, scale=(1.0, 1.0))
+    idle = _choose_joints(undriven @ without_mass.T)
+    loose = _choose_joints(undriven @ with_mass.T, excluded=idle)
     return Mobility(
         freedoms=motions.shape[1],
         idle=tuple(map(robot.coordinates.turn_name, idle)),
@@ -228,18 +228,7 @@ def _name_stuck_axes(stuck: Array, names: Names) -> str:
 
 def null_space(matrix: Array) -> Array:
     """Compute an orthonormal basis (c, k) of the null space of a matrix (m, c)."""
-    return row_and_null_space(matrix, FILE_ROUNDING)[1]
-
-
-def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal bases of the row space and the null space of a matrix (m, c).
-
-    Returns:
-        The bases (c, r) and (c, c - r), one vector a column. The rank r counts the singular values above
-        `level`.
-    """
-    span, null = split_row_space(matrix, level, scale=(1.0, 1.0))
-    return span.T, null.T
+    return split_row_space(matrix, FILE_ROUNDING, scale=(1.0, 1.0))[1].T
 
 
 def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
@@ -324,7 +313,7 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
         assembled, closing = assemble_mechanism(mechanism)
     except NotAssembled:
         pose = find_closed_pose(mechanism)
-        gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
+        gap = np.abs(loops_at(mechanism, mechanism.q_near).residual * mechanism.row_lengths).max()
         remark = (
             f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
             f"are {gap:.2g} m or rad open"
@@ -359,15 +348,15 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
     """
     description = mechanism.description
     velocities = mass_centre_jacobian(mechanism, q) @ basis
-    with_mass, without_mass = row_and_null_space(velocities, NEARLY_AT_REST)
-    idle = basis @ without_mass
+    with_mass, without_mass = split_row_space(velocities, NEARLY_AT_REST, scale=(1.0, 1.0))
+    idle = basis @ without_mass.T
 
     motors = list(description.motor_joints)
     if velocities.any():
         motors += coupled_joints(description)
     motor_rates = idle[velocity_columns(mechanism.model, motors)]  # of the motors in the idle motions
-    with_motor, _ = row_and_null_space(motor_rates, NEARLY_AT_REST)
-    return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
+    with_motor, _ = split_row_space(motor_rates, NEARLY_AT_REST, scale=(1.0, 1.0))
+    return np.concatenate([basis @ with_mass.T, idle @ with_motor.T], axis=1)
 
 
 def coupled_joints(description: RobotDescription) -> list[str]:

@@ -10,7 +10,6 @@ robot must assemble, its platform must move along each axis, and its motors must
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -42,6 +41,7 @@ from framework.model.description import AXES, Actuator, Closure, Platform, Robot
 from framework.model.readers.describe import Options, PartialRobot
 from framework.model.readers.recognise import parse_any
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
+from framework.model.urdf_edits import urdf_text
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
@@ -135,8 +135,8 @@ def _complete_description(partial: PartialRobot, *, by_joints: bool) -> PartialR
     Args:
         by_joints: whether positions of joints may become the platform's coordinates.
     """
-    urdf = ElementTree.tostring(partial.tree.root, encoding="unicode")
-    partial = partial._replace(description=replace(partial.description, urdf_text=urdf))
+    description = replace(partial.description, urdf_text=urdf_text(partial.tree))
+    partial = partial._replace(description=description)
     try:
         return _complete_at_pose(partial, motions_near_reference(partial.description), by_joints=by_joints)
     except SingularReference as singular:
@@ -252,8 +252,7 @@ def _advise_on_parts(partial: PartialRobot) -> str:
         is_part = 1 < carried_motors < len(motor_paths) and has_whole_loops
         if is_part and partial.is_answered(base=joint.child):
             return f"take a part of the robot (such as --base {joint.child}), "
-    # to lock all loops that share no joint with the first one; if they have motors, these are enough
-    tree, description = partial.tree, partial.description
+    # lock all loops that share no joint with the first one; if they have motors, these are enough
     # each group: joints of loops that share joints, directly or through others; no group without closures
     groups = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures)
     first_group, *others = groups or [[]]

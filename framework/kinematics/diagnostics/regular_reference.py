@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.kinematics.assembly import joint_loops_matrix, move_closed
+from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -39,19 +40,21 @@ def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
     bases = linearised_at(robot, q[None]).bases[0] if robot.structure.varies else None
     _, allowed = split_row_space(joint_loops_matrix(robot, q), BRANCHES_MEET)
     for direction in [*allowed, *-allowed]:
-        poses = _move(robot, q, direction, STEPS)  # (T, nq)
-        linearised = linearised_at(robot, poses, bases=bases)
-        x = robot.platform.coordinates(linearised.frames)
-        x = robot.platform.unwrap(x, x[0]) / robot.platform_scale
-        motors = robot.actuated_coordinates(poses) / robot.column_scale[robot.actuated]
-        signs = mode_signs(robot, linearised)
-        for kind, moved, sign in zip(("Type 1", "Type 2"), (x, motors), signs, strict=True):
+        poses = _move(robot, q, direction, STEPS, nearest.distance)  # (T, nq)
+        signs = mode_signs(robot, linearised_at(robot, poses, bases=bases))
+        for kind, distances, sign in zip(("Type 1", "Type 2"), _distances(robot, poses), signs, strict=True):
             changed = np.flatnonzero(sign != sign[0])
-            if len(changed):
-                distance = float(np.abs(moved[changed[0]] - moved[0]).max())
-                if distance < nearest.distance:
-                    nearest = NearSingularity(kind, distance, direction)
+            if len(changed) and distances[changed[0]] < nearest.distance:
+                nearest = NearSingularity(kind, float(distances[changed[0]]), direction)
     return nearest
+
+
+def _distances(robot: ParallelRobot, poses: Array) -> Array:
+    """Compute distances (2, T) of platform and motors at poses (T, nq) from the first [rad, lengths]."""
+    x = robot.platform.coordinates(frames_at(robot, poses))
+    x = robot.platform.unwrap(x, x[0]) / robot.platform_scale
+    motors = robot.actuated_coordinates(poses) / robot.column_scale[robot.actuated]
+    return np.array([np.abs(each - each[0]).max(axis=1) for each in (x, motors)])
 
 
 def regular_reference(robot: ParallelRobot) -> tuple[NearSingularity, Array | None]:
@@ -72,8 +75,11 @@ def regular_reference(robot: ParallelRobot) -> tuple[NearSingularity, Array | No
     return first, q if first.kind and is_better else None
 
 
-def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int) -> Array:
-    """Return poses (T, nq) from q along a direction (joints,), until loops open."""
+def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int, farthest: float = np.inf) -> Array:
+    """Return poses (T, nq) from q along a direction (joints,).
+
+    The motion ends where loops open, or where platform and motors are `farthest` from q.
+    """
     poses = [q]
     for _ in range(steps):
         _, allowed = split_row_space(joint_loops_matrix(robot, poses[-1]), BRANCHES_MEET)
@@ -82,4 +88,6 @@ def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int) -> Array
         if closed is None:
             break
         poses.append(closed)
+        if _distances(robot, np.array([q, closed]))[:, 1].min() > farthest:
+            break
     return np.array(poses)

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import (
     FrameworkError,
@@ -31,7 +30,6 @@ from framework.model.description import (
     Actuator,
     Closure,
     JointDynamics,
-    ParsedRobot,
     Platform,
     RobotDescription,
     kinds_with_length,
@@ -40,7 +38,14 @@ from framework.model.description import (
 from framework.model.documents import parse_numbers, prefix_errors
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
 from framework.model.robot_keys import merge_joint_dynamics
-from framework.model.urdf_elements import PACKAGE, declared_couplings, declared_dynamics, locate_urdf
+from framework.model.urdf_edits import urdf_text
+from framework.model.urdf_elements import (
+    PACKAGE,
+    ParsedRobot,
+    declared_couplings,
+    declared_dynamics,
+    locate_urdf,
+)
 from framework.numerics.arrays import Names
 from framework.numerics.fields import check_distinct
 
@@ -111,7 +116,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
             decides how a part moves; platform or motors are missing.
     """
     reference = merge_reference(options, tree.coordinates, tree.reference)
-    tree.couplings += declared_couplings(tree.root)
+    tree.couplings += declared_couplings(tree)
     tree.closures += [_closure_in_words(tree, words) for words in options.closures]
     _locate_meshes(tree, file, options.packages)
     if not tree.closures and not tree.couplings:
@@ -132,7 +137,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     # URDF and platform are stand-ins until options or proposals have completed the robot
     actuators = attach_transmissions(tree)  # adds to tree.dynamics
     description = RobotDescription(
-        name=_choose_name(tree.root, file),
+        name=_choose_name(tree.name, file),
         file=file,
         urdf_text="",
         platform=Platform(tree.base),
@@ -150,10 +155,10 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         unread_effects(tree)  # raises a more precise error if a decisive element is unread
         raise
 
-    urdf_text = tostring(tree.root, encoding="unicode")
-    description = replace(completed.description, urdf_text=urdf_text, left_out=unread_effects(tree))
+    left_out = unread_effects(tree)
+    description = replace(completed.description, urdf_text=urdf_text(tree), left_out=left_out)
     remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
-    return ParsedRobot(description, tree.root, dialect, remarks, reference)
+    return ParsedRobot(description, tree, dialect, remarks, reference)
 
 
 def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
@@ -190,7 +195,7 @@ def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
             raise RobotFileError(f"--package: needs NAME=FOLDER with a folder that exists, got {word!r}")
         folders[name] = folder
     missing = []
-    for mesh in tree.root.iter("mesh"):
+    for mesh in [mesh for link in tree.links.values() for mesh in link.iter("mesh")]:
         reference = mesh.get("filename", "")
         package, _, rest = reference.removeprefix(PACKAGE).partition("/")
         if reference.startswith(PACKAGE) and package in folders:
@@ -246,10 +251,10 @@ def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileEr
     )
 
 
-def _choose_name(root: Element, file: Path) -> str:
+def _choose_name(of_model: str, file: Path) -> str:
     """Choose the name of the robot: that of the model, the file or a folder, unless generic."""
     folders = file.absolute().parents[:2]
-    for name in (root.get("name", ""), file.stem, *(folder.name for folder in folders)):
+    for name in (of_model, file.stem, *(folder.name for folder in folders)):
         file_name = re.sub(r"[^\w-]", "_", name)
         if name.lower() not in _GENERIC_NAMES and file_name.strip("_"):
             return file_name
@@ -258,7 +263,7 @@ def _choose_name(root: Element, file: Path) -> str:
 
 def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
     """Return the dynamics of moving coordinates as the dialect states, else as the URDF's <dynamics> does."""
-    dynamics = merge_joint_dynamics(declared_dynamics(tree.root), {}) | tree.dynamics
+    dynamics = merge_joint_dynamics(declared_dynamics(tree), {}) | tree.dynamics
     moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
     for name, value in moving.items():
         if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:

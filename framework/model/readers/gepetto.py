@@ -13,13 +13,15 @@ A joint J of type UJOINT_XY becomes two hinges, J_X and J_Y. The file says nothi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from framework.errors import RobotFileError, check_name, check_unique, short
-from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, locked_axes
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import Table, list_of, one_of, optional, read_table, required, text
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
@@ -82,7 +84,7 @@ def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Seque
         if kind == "FIXED":
             tree.fix(joint)
         elif kind == "SPHERICAL":
-            tree.replace_by_ball(joint)
+            tree.put(replace(joint, kind="spherical", limits=None, mimic=None, element=None))
         else:
             letters = kind.removeprefix("UJOINT_")
             tree.replace_by_turns(joint, letters.lower(), [f"{name}_{letter}" for letter in letters])

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
@@ -28,7 +28,6 @@ from framework.model.description import (
     Closure,
     JointDynamics,
     LineSpring,
-    ParsedRobot,
     Polynomial,
     Product,
     locked_axes,
@@ -37,15 +36,8 @@ from framework.model.placement import from_quaternion, invert_placement, placeme
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import check_expansion, compile_mjcf, member_name
 from framework.model.readers.urdf_tree import MAX_LOOPS, Transmission, UnreadElement, UrdfTree
-from framework.model.urdf_edits import (
-    NewJoint,
-    chain_elements,
-    free_name,
-    inertial_element,
-    vector_text,
-    visual_element,
-)
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
+from framework.model.urdf_edits import add_chain, free_name, inertial_element, vector_text, visual_element
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, Joint, ParsedRobot, Tree, coordinates_of
 from framework.numerics.arrays import Array
 
 # Members of MuJoCo's enumerations, by name. Joints in terms of a URDF:
@@ -123,13 +115,13 @@ class _Joint(NamedTuple):
         coordinates = np.append(motion[:3, 3], pin.log3(motion[:3, :3])).tolist()
         return list(coordinates[-len(COORDINATE_SUFFIXES[self.kind]) :])  # a ball has the rotation alone
 
-    def urdf_joint(self, origin: Array) -> NewJoint:
+    def urdf_joint(self, origin: Array) -> Joint:
         """Return the joint of the URDF at a placement (4, 4) in the parent link."""
         view = self.view
         if not self.has_one_freedom:
-            return NewJoint(self.name, self.kind, origin)
+            return Joint(self.name, self.kind, origin)
         limits = (view.range - view.qpos0).tolist() if view.limited[0] else None
-        return NewJoint(self.name, self.kind, origin, view.axis, limits)
+        return Joint(self.name, self.kind, origin, view.axis, limits)
 
 
 def _placement_of_qpos(qpos: Array) -> Array:
@@ -165,7 +157,7 @@ class _Model:
             self.joints.append(_Joint(self.name("joint", j) or default, kind, compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
 
-        self.tree = UrdfTree(self._make_urdf(name, taken))
+        self.tree = UrdfTree(self._make_tree(name, taken))
         self.tree.gravity = tuple(compiled.opt.gravity.tolist())
         self.sites: list[str] = []
         for k, origin in enumerate(_placements(compiled.site_pos, compiled.site_quat)):
@@ -186,19 +178,18 @@ class _Model:
         """
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
-    def _make_urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF, with a link for each body and a massless link between joints of a body.
+    def _make_tree(self, name: str, taken: set[str]) -> Tree:
+        """Return the tree, with a link for each body and a massless link between joints of a body.
 
         `taken` are names in use, to which those of further links are added.
         """
         model = self.compiled
-        root = Element("robot", name=name)
-        links = [SubElement(root, "link", name=body) for body in self.bodies]
+        links = [Element("link", name=body) for body in self.bodies]
+        tree = Tree(name, dict(zip(self.bodies, links, strict=True)))
         origins = list(_placements(model.body_pos, model.body_quat))
         for k in range(1, model.nbody):  # without the world
             motions, end = self._joints_of_body(k, origins[k])
-            parent = self.bodies[model.body_parentid[k]]
-            root.extend(chain_elements(parent, motions, self.bodies[k], end, taken))
+            add_chain(tree, self.bodies[model.body_parentid[k]], motions, self.bodies[k], end, taken)
             if model.body_mass[k] or model.body_inertia[k].any():
                 axes = from_quaternion(*model.body_iquat[k])
                 inertia = axes @ np.diag(model.body_inertia[k]) @ axes.T
@@ -206,9 +197,9 @@ class _Model:
         for k, origin in enumerate(_placements(model.geom_pos, model.geom_quat)):
             if shape := _SHAPE_OF_GEOM.get(member_name("mjtGeom", model.geom_type[k])):
                 links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
-        return root
+        return tree
 
-    def _joints_of_body(self, k: int, origin: Array) -> tuple[list[NewJoint], Array]:
+    def _joints_of_body(self, k: int, origin: Array) -> tuple[list[Joint], Array]:
         """Return the joints between body k and its parent, and the body's placement behind the last one.
 
         MuJoCo's joint is at a point `pos` of the body, but a URDF's link has its origin in the joint before

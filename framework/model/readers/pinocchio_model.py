@@ -1,4 +1,4 @@
-"""A URDF of a `pinocchio.Model`, and loops from its constraint models.
+"""The tree of a `pinocchio.Model`, and loops from its constraint models.
 
 A joint of the model becomes a joint of its name, and the body behind it a link NAME_body. A frame becomes a
 link fixed there, under its own name; the frame of a joint is the joint. Placements, inertias, armature,
@@ -9,18 +9,27 @@ that the caller states.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput, expect, finite_numbers
-from framework.model.description import AXES, ParsedRobot, kinds_with_length
+from framework.model.description import AXES, kinds_with_length
 from framework.model.robot_file import describe_tree
-from framework.model.urdf_edits import NewJoint, add_frame, free_name, inertial_element, joint_element
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, ENDLESS, UNIVERSE
+from framework.model.urdf_edits import add_frame, free_name, inertial_element, urdf_text
+from framework.model.urdf_elements import (
+    COORDINATE_SUFFIXES,
+    ENDLESS,
+    UNIVERSE,
+    Joint,
+    ParsedRobot,
+    Tree,
+    check_tree,
+)
 from framework.numerics.arrays import ArrayLike
 
 _SEVERAL = {"JointModelSpherical": "spherical", "JointModelFreeFlyer": "floating"}
@@ -45,45 +54,44 @@ def parse_pinocchio(
     """
     expect("model", model, pin.Model, "pin.buildModelFromUrdf(file)")
     expect("platform", platform, Mapping, '{"frame": "tip", "axes": ["x", "y"]}')
-    root = _urdf_of(model, name)
+    tree = _tree_of(model, name)
     content: dict[str, Any] = {
         "gravity": model.gravity.linear.tolist(),
         "platform": dict(platform),
         "actuators": [dict(each) if isinstance(each, Mapping) else {"joint": each} for each in actuators],
-        "closures": [_closure(root, model, k, each) for k, each in enumerate(closures)],
+        "closures": [_closure(tree, model, k, each) for k, each in enumerate(closures)],
         "reference": reference if isinstance(reference, Mapping) else _positions(model, reference),
         **keys,
         "joints": {**_dynamics(model), **keys.get("joints", {})},
     }
-    text = tostring(root, encoding="unicode")
-    parsed = describe_tree(Path(f"{name}.yaml"), text, root, content, {})
+    check_tree(tree)
+    parsed = describe_tree(Path(f"{name}.yaml"), urdf_text(tree), tree, content, {})
     return parsed._replace(dialect="pinocchio", joint_order=tuple(model.names[1:]))
 
 
 # ------------------------------------------------------------------ the tree
 
 
-def _urdf_of(model: pin.Model, name: str) -> Element:
-    """Write a model as a URDF."""
-    root = Element("robot", name=name)
+def _tree_of(model: pin.Model, name: str) -> Tree:
+    """Return the tree of a model."""
     joints = list(model.names[1:])
     taken = {frame.name for frame in model.frames} | set(joints)
     bodies = [UNIVERSE, *(free_name(f"{joint}_body", taken) for joint in joints)]
-    for body, inertia in zip(bodies, model.inertias, strict=True):
-        link = SubElement(root, "link", name=body)
-        if inertia.mass > 0.0 and body != UNIVERSE:
-            link.append(inertial_element(inertia.mass, inertia.lever, inertia.inertia))
+    tree = Tree(name, {body: Element("link", name=body) for body in bodies})
+    for body, inertia in zip(bodies[1:], list(model.inertias)[1:], strict=True):
+        if inertia.mass > 0.0:
+            tree.links[body].append(inertial_element(inertia.mass, inertia.lever, inertia.inertia))
     for j, joint in enumerate(_joints(model), start=1):
-        root.append(joint_element(joint, bodies[model.parents[j]], bodies[j]))
+        tree.put(replace(joint, parent=bodies[model.parents[j]], child=bodies[j]))
     written = {*joints, UNIVERSE}
     for frame in model.frames:
         if frame.name not in written:
             written.add(frame.name)
-            add_frame(root, frame.name, bodies[frame.parentJoint], frame.placement.homogeneous)
-    return root
+            add_frame(tree, frame.name, bodies[frame.parentJoint], frame.placement.homogeneous)
+    return tree
 
 
-def _joints(model: pin.Model) -> Iterator[NewJoint]:
+def _joints(model: pin.Model) -> Iterator[Joint]:
     """Yield the joints of a model.
 
     The axis of a joint of one freedom is its unit velocity, linear or angular, in its own frame.
@@ -94,7 +102,7 @@ def _joints(model: pin.Model) -> Iterator[NewJoint]:
         joint, name = model.joints[j], model.names[j]
         origin = model.jointPlacements[j].homogeneous
         if joint.shortname() in _SEVERAL:
-            yield NewJoint(name, _SEVERAL[joint.shortname()], origin)
+            yield Joint(name, _SEVERAL[joint.shortname()], origin)
             continue
         twist = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[:, joint.idx_v]
         linear, angular = twist[:3], twist[3:]
@@ -104,13 +112,13 @@ def _joints(model: pin.Model) -> Iterator[NewJoint]:
                 f"slides, balls and free flyers in its place"
             )
         if joint.nq == 2:
-            yield NewJoint(name, "continuous", origin, angular)
+            yield Joint(name, "continuous", origin, angular)
             continue
         k = joint.idx_q
         limits = np.clip((model.lowerPositionLimit[k], model.upperPositionLimit[k]), -ENDLESS, ENDLESS)
         stated = None if np.isnan(limits).any() or min(np.abs(limits)) == ENDLESS else tuple(limits.tolist())
         kind = "prismatic" if linear.any() else "revolute"
-        yield NewJoint(name, kind, origin, linear if linear.any() else angular, stated)
+        yield Joint(name, kind, origin, linear if linear.any() else angular, stated)
 
 
 def _dynamics(model: pin.Model) -> dict[str, dict[str, float]]:
@@ -130,10 +138,10 @@ def _dynamics(model: pin.Model) -> dict[str, dict[str, float]]:
 # ------------------------------------------------------------------ what the model does not say
 
 
-def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[str, Any]:
+def _closure(tree: Tree, model: pin.Model, index: int, given: Any) -> dict[str, Any]:
     """Return a loop as an entry of a robot file.
 
-    The frames of a constraint model are added to `root`. `given` is an entry; two frames with a kind, and an
+    The frames of a constraint model are added to `tree`. `given` is an entry; two frames with a kind, and an
     axis or a length of some kinds; or a constraint model of a point (3D) or of a pose (6D).
     """
     if isinstance(given, Mapping):
@@ -152,12 +160,12 @@ def _closure(root: Element, model: pin.Model, index: int, given: Any) -> dict[st
         )
     if given.type not in _CONTACTS:
         raise InvalidInput(f"{what}: needs a contact of type CONTACT_3D or CONTACT_6D, got {given.type}")
-    links = [str(link.get("name")) for link in root.findall("link")]  # universe, then one for each joint
+    links = list(tree.links)  # universe, then one for each joint
     taken, name = set(links), given.name or f"loop_{index}"
     frames: list[str] = []
     for joint, pose in ((given.joint1_id, given.joint1_placement), (given.joint2_id, given.joint2_placement)):
         frames.append(free_name(f"{name}_{len(frames) + 1}", taken))
-        add_frame(root, frames[-1], links[joint], pose.homogeneous)
+        add_frame(tree, frames[-1], links[joint], pose.homogeneous)
     return {"name": name, "frames": frames, "axes": _CONTACTS[given.type]}
 
 

@@ -14,12 +14,13 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, short
-from framework.model.description import ParsedRobot, RobotDescription
+from framework.model.description import RobotDescription
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters
 from framework.model.readers.describe import Options, PartialRobot, complete_robot, merge_reference
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import UrdfTree, read_urdf_tree
 from framework.model.robot_file import parse_robot
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.input import read_text
 
 DIALECTS = {
@@ -171,7 +172,7 @@ def _from_yaml(
         )
     urdf = _find_urdf(path)
     with prefix_errors(urdf.name):
-        tree = UrdfTree(_parse_urdf(urdf), base=options.base)
+        tree, _ = read_urdf_tree(_parse_urdf(urdf), base=options.base)
     tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
     return gepetto.read_pair(path, content, tree, options)
 
@@ -218,7 +219,7 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
     if options == Options():
         return robot
     description = robot.description
-    tree = UrdfTree(robot.urdf)
+    tree = UrdfTree(robot.tree)
     reference = merge_reference(options, tree.coordinates, description.reference)
     description = replace(description, reference=reference)
     completed = complete_robot(options, PartialRobot(tree, description, description.platform))

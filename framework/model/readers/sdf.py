@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
@@ -27,7 +28,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from framework.errors import RobotFileError, check_name
-from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
+from framework.model.description import Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, parse_axis, parse_numbers, prefix_errors
 from framework.model.placement import invert_placement
 from framework.model.readers.describe import Options, describe
@@ -43,8 +44,17 @@ from framework.model.readers.sdf_scope import (
     scoped_name,
 )
 from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
-from framework.model.urdf_edits import NewJoint, chain_elements, inertial_element, visual_element
-from framework.model.urdf_elements import ENDLESS, SIZES_OF_SHAPES, parse_limit, symmetric_matrix
+from framework.model.urdf_edits import add_chain, inertial_element, visual_element
+from framework.model.urdf_elements import (
+    ENDLESS,
+    MOVING,
+    SIZES_OF_SHAPES,
+    Joint,
+    ParsedRobot,
+    Tree,
+    parse_limit,
+    symmetric_matrix,
+)
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 
@@ -66,6 +76,7 @@ _MOTIONS_OF_KIND = {
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
     "screw": (("", "continuous", "axis"), ("_slide", "prismatic", "slide")),
 }
+_SUFFIXES = {"axis": "", "axis2": "_2"}  # of the name of the motion about each axis
 _UNREAD_TYPES = ("gearbox",)  # types of joints
 # elements without an effect on the motion
 _UNUSED_TAGS = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
@@ -94,10 +105,10 @@ class _Joint(NamedTuple):
     links: tuple[str, str]  # the parent first
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
     # of one freedom each, in the joint's frame; a fixed joint or a ball has one motion, without an axis
-    motions: list[NewJoint]
+    motions: list[Joint]
     dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
-    def chain_from(self, link: str) -> tuple[list[NewJoint], str, Array]:
+    def chain_from(self, link: str) -> tuple[list[Joint], str, Array]:
         """Return the joints of a URDF that lead from one link of the joint to the other.
 
         Returns:
@@ -107,13 +118,10 @@ class _Joint(NamedTuple):
         on_parent, on_child = self.placements
         if link == parent:
             first, *others = self.motions
-            return [first._replace(origin=on_parent), *others], child, invert_placement(on_child)
+            return [replace(first, origin=on_parent), *others], child, invert_placement(on_child)
         # from child to parent the motions are in reverse order, about opposite axes
-        last, *others = [
-            motion if motion.axis is None else motion._replace(axis=-motion.axis)
-            for motion in reversed(self.motions)
-        ]
-        return [last._replace(origin=on_child), *others], parent, invert_placement(on_parent)
+        last, *others = [replace(motion, axis=-motion.axis) for motion in reversed(self.motions)]
+        return [replace(last, origin=on_child), *others], parent, invert_placement(on_parent)
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -133,7 +141,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     except RobotFileError as error:
         raise RobotFileError(f"{error}; {missing}" if scope.unread else str(error)) from None
     tree_names = _choose_tree_joints(scope, joints)
-    tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
+    tree = UrdfTree(_make_tree(scope, joints, tree_names, file.stem))
     tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED_TAGS})  # += drops zeros
     tree.unused -= Counter({"<plugin>": sum(bool(joint.get("optional")) for joint in scope.joints.values())})
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
@@ -144,7 +152,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     tree.remarks += [missing] * bool(scope.unread)
     for joint in joints:
         if joint.name in tree_names:
-            tree.couplings += _read_couplings(joint, tree_names)
+            tree.couplings += _read_couplings(joint, tree.movable)
             tree.dynamics |= joint.dynamics
         else:
             _close_cut_joint(tree, joint)
@@ -235,7 +243,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     return _Joint(name, element, kind, links, placements, motions, dynamics)
 
 
-def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], dict[str, JointDynamics]]:
+def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[Joint], dict[str, JointDynamics]]:
     """Read the motions of one freedom of a joint of this kind, and their dynamics by name of the motion."""
     element = scope.joints[name]
     motions = []
@@ -243,10 +251,10 @@ def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], d
     for suffix, motion, tag in _MOTIONS_OF_KIND.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
         limits = _read_limits(element, name, tag)
-        motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, limits))
+        motions.append(Joint(name + suffix, motion, axis=axis, limits=limits))
         if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
             dynamics[name + suffix] = acting
-    return motions or [NewJoint(name, kind, np.eye(4))], dynamics
+    return motions or [Joint(name, kind)], dynamics
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
@@ -276,24 +284,28 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
 
 
 def _has_property(joint: Element, *properties: str) -> bool:
-    """Return whether the first axis of a joint has a child with a tag in `properties`."""
-    return any(joint.find(f"axis/{tag}") is not None for tag in properties)
+    """Return whether an axis of a joint has a child with a tag in `properties`."""
+    return any(joint.find(f"{axis}/{tag}") is not None for axis in _SUFFIXES for tag in properties)
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
     """Yield the coupling of a mimic joint, and the coupling of a screw's slide to its hinge.
 
-    `names` are those of the joints that a mimic may follow.
+    `names` are those of the motions that a mimic may follow.
     """
     where = f"joint {joint.name!r}"
     element = joint.element
-    for mimic in element.findall("axis/mimic"):
-        leader = element.get("scope", "") + mimic.get("joint", "")
+    mimics = [
+        (suffix, mimic) for tag, suffix in _SUFFIXES.items() for mimic in element.findall(f"{tag}/mimic")
+    ]
+    for suffix, mimic in mimics:
+        leader = f"{element.get('scope', '')}{mimic.get('joint', '')}"
+        leader += _SUFFIXES.get(mimic.get("axis", "axis"), "")
         check_name(f"{where}: <mimic>", "joint", leader, names)
         # q = multiplier (q_leader - reference) + offset
         defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
         ratio, offset, reference = _read_values(mimic, f"{where}: <mimic>", defaults)
-        yield Coupling(joint.name, leader, ratio, offset - ratio * reference)
+        yield Coupling(f"{joint.name}{suffix}", leader, ratio, offset - ratio * reference)
     if joint.kind == "screw":
         pitch, old_pitch = _read_values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
         lead = pitch / (2.0 * np.pi)  # [m/rad] of the slide; screw_thread_pitch is in [m] per turn
@@ -356,12 +368,11 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     return [joint.name for joint in joints if joint.name in chosen]
 
 
-def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str], name: str) -> Element:
-    """Return the tree as a URDF called `name`, whose root is the world or else a link without a parent.
+def _make_tree(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str], name: str) -> Tree:
+    """Return the tree called `name`, whose root is the world or else a link without a parent.
 
     `tree_names` are the names of the joints in the tree.
     """
-    root = Element("robot", name=name)
     ends = {link for joint in joints for link in joint.links}  # links of the main part
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in ends]
@@ -369,17 +380,18 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
     reached = [WORLD]
     if WORLD not in ends:
         reached = [next((link for link in links if link not in children), links[0])]
+    tree = Tree(name, {})
     tree_joints = [joint for joint in joints if joint.name in tree_names]
     for link in reached:  # grows during the loop: breadth first
-        root.append(_make_link(scope, link))
+        tree.links[link] = _make_link(scope, link)
         for joint in tree_joints:
             if link not in joint.links:
                 continue
             motions, outer, end = joint.chain_from(link)  # joints, link behind them, its placement there
             if outer not in reached:
-                root.extend(chain_elements(link, motions, outer, end, taken))
+                add_chain(tree, link, motions, outer, end, taken)
                 reached.append(outer)
-    return root
+    return tree
 
 
 def _make_link(scope: Scope, name: str) -> Element:
@@ -448,5 +460,5 @@ def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
         raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop{same}")
     # of each end: suffix of the name of its frame, link, and placement (4, 4) in the link
     ends = zip(("1", "2"), joint.links, joint.placements, strict=True)
-    axes = [motion.axis for motion in joint.motions if motion.axis is not None]  # none if fixed or a ball
+    axes = [motion.axis for motion in joint.motions if motion.kind in MOVING]
     tree.close(joint.name, locked_axes(joint.kind), ends, axes)

@@ -133,9 +133,9 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
         uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
-        file = folder / uri
-        if not file.exists():
-            file = folder.parent / uri
+        # beside the file, in the folder above, or in `models` there, as in packages of ROS
+        places = (folder / uri, folder.parent / uri, folder.parent / "models" / uri)
+        file = next((place for place in places if place.exists()), places[0])
         if file.is_dir():
             file = file / "model.sdf"
         if not file.is_file():

@@ -30,6 +30,9 @@ Isaac Sim. The order in the document decides which link is the first; the second
       <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
     </loop_joint>
 
+Exporters from Fusion 360 write `<loop_joint>` with the ends of `<constraint>`, `<parent>` and `<child>`, and
+one `<axis frame="parent">` in the parent link.
+
 Also read are
 
 - Drake's `<drake:ball_constraint>`, Gazebo's SDF joints `<gazebo><joint>`, and `<mimic>`;
@@ -55,7 +58,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from framework.errors import RobotFileError, check_name
-from framework.model.description import ParsedRobot, locked_axes
+from framework.model.description import locked_axes
 from framework.model.documents import (
     attribute,
     check_parts,
@@ -79,7 +82,8 @@ from framework.model.readers.sdf_scope import (
     add_content,
     drop_detached,
 )
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import UrdfTree, read_urdf_tree
+from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
 from framework.numerics.input import read_text
@@ -124,7 +128,9 @@ def _element_name(element: Element) -> tuple[str, str]:
 def _read_loop(tree: UrdfTree, element: Element) -> None:
     """Read a loop element and add its closure to the tree."""
     syntax = _LOOP_SYNTAX[element.tag]
-    if element.tag == "loop_joint":  # both ends may be called link1
+    if element.find("parent") is not None:
+        syntax = syntax._replace(ends=("parent", "child"))
+    elif element.tag == "loop_joint":  # both ends may be called link1
         ends_in_order = [end for end in element if end.tag in syntax.ends]
         for tag, end in zip(syntax.ends, ends_in_order, strict=False):
             end.tag = tag
@@ -136,6 +142,10 @@ def _read_loop(tree: UrdfTree, element: Element) -> None:
     kind = syntax.kinds[written]
     axes = _read_axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_read_end(tree, element, where, end)) for end in syntax.ends]
+    if axes and element.find("axis[@frame='parent']") is not None:
+        # on the axes of the first link, at zero joint positions
+        in_base = tree.zero_pose(ends[0][1])[:3, :3] @ axes[0]
+        axes = [(tree.zero_pose(link) @ origin)[:3, :3].T @ in_base for _, link, origin in ends]
     tree.close(name, locked_axes(kind), ends, axes)
 
 
@@ -240,24 +250,24 @@ def read_urdf(
         RobotFileError: the file is malformed or has no loop; the message names the element.
     """
     beside = _find_loop_closures(file) if beside is None else beside
-    independent = [  # before UrdfTree removes the attribute
+    independent = [
         joint.get("name", "")
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in TRUE_TEXTS
     ]
-    tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
+    tree, elements = read_urdf_tree(root, (*_ELEMENTS, BALL_CONSTRAINT), options.base)
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
     of_plugins = [element.text or "" for element in root.iter("joint_name")]  # of Gazebo's controllers
     named_by_plugins = [name for name in dict.fromkeys(of_plugins) if name in tree.movable]
     tree.likely_motors = [*independent, *beside_independent] or named_by_plugins
 
     dialect = ""
-    for element in tree.extra:
+    for element in elements:
         if element.tag in _ELEMENTS:
             dialect_of_element, read = _ELEMENTS[element.tag]
             read(tree, element)
             dialect = dialect or dialect_of_element
-    _close_joints_of_other_programs(tree)
+    _close_joints_of_other_programs(tree, elements)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
     tree.add_two_joint_transmissions()
@@ -295,8 +305,8 @@ def _close_named_frames(tree: UrdfTree) -> bool:
     return bool(pairs)
 
 
-def _close_joints_of_other_programs(tree: UrdfTree) -> None:
-    """Close the loops of Gazebo's joints and Drake's constraints.
+def _close_joints_of_other_programs(tree: UrdfTree, elements: Sequence[Element]) -> None:
+    """Close the loops of Gazebo's joints, and of Drake's constraints among the dialect's `elements`.
 
     They are read as the content of an SDF model, whose links have the poses at zero joint positions.
     """
@@ -304,10 +314,11 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
     for link in tree.links:
         scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
-    model = Element("model", name=tree.root.get("name", ""))
-    model.extend(tree.root.findall("gazebo/joint[child]"))
-    model.extend(tree.root.findall("gazebo/plugin[child_link]"))
-    model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
+    model = Element("model", name=tree.name)
+    gazebo = [element for element in tree.others if element.tag == "gazebo"]
+    model.extend(joint for element in gazebo for joint in element.findall("joint[child]"))
+    model.extend(plugin for element in gazebo for plugin in element.findall("plugin[child_link]"))
+    model.extend(element for element in elements if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
     drop_detached(scope)
     for name in scope.joints:

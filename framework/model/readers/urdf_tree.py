@@ -1,6 +1,6 @@
-"""The URDF that the readers of all dialects fill, with the content of a file beside its tree.
+"""The tree that the readers of all dialects fill, with the content of a file beside it.
 
-`UrdfTree` holds the checked tree, which readers edit, and lists of loops, motors and forces. `describe` turns
+`UrdfTree` has the checked tree, which readers edit, and lists of loops, motors and forces. `describe` turns
 both into records.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
@@ -25,9 +26,9 @@ from framework.model.description import (
     lock_couplings,
     locked_axes,
 )
-from framework.model.documents import attribute, parse_numbers, remove_children
+from framework.model.documents import attribute, parse_numbers
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
-from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint, free_name
+from framework.model.urdf_edits import add_chain, add_frame, fixed_joint, free_name
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
     INERTIA_ENTRIES,
@@ -36,8 +37,8 @@ from framework.model.urdf_elements import (
     Complaints,
     Joint,
     Tree,
+    check_tree,
     local_name,
-    read_joint,
     read_tree,
     symmetric_matrix,
 )
@@ -239,76 +240,93 @@ def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
     return [union for union in unions if union and union_of[union[0]] is union]
 
 
+def read_urdf_tree(
+    root: Element, extra: Sequence[str] = (), base: str | None = None
+) -> tuple[UrdfTree, list[Element]]:
+    """Read the tree and the motors of a URDF, and return top-level elements of a dialect beside it.
+
+    Args:
+        root: of the URDF, which is changed: other programs' elements and namespaces are removed.
+        extra: tags of the dialect's own top-level elements.
+        base: a link; of several trees in the file the one with this link is read.
+
+    Raises:
+        RobotFileError: the root is no <robot> or has no name; an element is misspelled, or a macro is not
+            expanded; links and joints are no tree, see `read_tree`; loops or freedoms are too many.
+    """
+    if root.tag != "robot":
+        raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
+    is_part = not root.get("name") or all(map(_is_xacro_definition, root))  # of a robot
+    if root.find("link") is None and any(map(_is_xacro, root)) and is_part:
+        raise RobotFileError(
+            "<robot>: has xacro definitions and no link: expand the file that includes it, and give the "
+            "result: xacro FILE > OUT"
+        )
+    attribute(root, "<robot>", "name")
+    # Drake's files need not declare the link `world`
+    if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
+        SubElement(root, "link", name="world")
+    unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
+    elements = [element for element in root if local_name(element.tag) in extra]
+    for element in elements:
+        root.remove(element)
+        for part in element.iter():
+            part.tag = local_name(part.tag)
+    if len(elements) > MAX_LOOPS:
+        raise RobotFileError(f"<robot>: {len(elements)} loops; at most {MAX_LOOPS} are read")
+    _select_tree(root, base)
+    remarks = list(filter(None, map(_repair_rounded_inertia, root.findall("link"))))
+
+    impossible: Complaints = []
+    for joint in root.findall("joint[@type='planar']"):
+        # read as a floating joint, so that it can be held
+        joint.set("type", "floating")
+        name = joint.get("name", "")
+        impossible.append((name, f"joint {name!r}: planar joints are only read where they are held (--lock)"))
+    tree = UrdfTree(read_tree(root, impossible), impossible)
+    tree.unused, tree.remarks = unused, remarks
+    # the two ways in which ROS declares motors
+    driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
+    tree.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
+    for transmission in root.iter("transmission"):
+        tree.read_transmission(transmission)
+    return tree, elements
+
+
 class UrdfTree(Tree):
-    """A checked URDF with loops, motors and forces, which readers edit.
+    """A checked tree with loops, motors and forces, which readers edit.
 
     Messages name the element; the caller prefixes the file.
     """
 
-    def __init__(self, root: Element, extra: Sequence[str] = (), base: str | None = None) -> None:
-        """Check a URDF, remove other programs' elements, and set `extra` ones aside.
+    def __init__(self, tree: Tree, impossible: Complaints | None = None) -> None:
+        """Check the links and joints of a tree, which this one takes over.
+
+        A file with impossible inertias or limits is refused only if their links or joints move.
 
         Args:
-            root: of the URDF, which the tree changes.
-            extra: tags of the dialect's own top-level elements.
-            base: a link; of several trees in the file the one with this link is read.
+            tree: of a file.
+            impossible: complaints about its links and joints so far, see `check_tree`.
 
         Raises:
-            RobotFileError: the root is no <robot> or has no name; an element is misspelled, or a macro is not
-                expanded; links and joints are no tree, see `read_tree`; loops or freedoms are too many.
+            RobotFileError: links and joints are no tree, see `check_tree`; freedoms are too many.
         """
-        if root.tag != "robot":
-            raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
-        is_part = not root.get("name") or all(map(_is_xacro_definition, root))  # of a robot
-        if root.find("link") is None and any(map(_is_xacro, root)) and is_part:
-            raise RobotFileError(
-                "<robot>: has xacro definitions and no link: expand the file that includes it, and give the "
-                "result: xacro FILE > OUT"
-            )
-        attribute(root, "<robot>", "name")
-        # Drake's files need not declare the link `world`
-        if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
-            SubElement(root, "link", name="world")
-        self.root = root
-        self.unused = _remove_foreign_elements(root, (*_URDF_TAGS, *extra))
-        # the dialect's own top-level elements, without namespaces
-        self.extra = [element for element in root if local_name(element.tag) in extra]
-        for element in self.extra:
-            root.remove(element)
-            for part in element.iter():
-                part.tag = local_name(part.tag)
-        _select_tree(root, base)
-        self.remarks: list[str] = [*filter(None, map(_repair_rounded_inertia, root.findall("link")))]
-        # the two ways in which ROS declares motors
-        driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
-        self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
-        self.gears: dict[str, float] = {}  # of these motors, where it is not 1
-        self.two_joint_transmissions: list[TwoJointTransmission] = []
-        self.unread_transmissions: list[str] = []
-        for transmission in root.iter("transmission"):
-            self._read_transmission(transmission)
-
-        # links and joints, which `Tree` stores; impossible inertias and limits are removed from `root`
-        impossible: Complaints = []
-        for joint in root.findall("joint[@type='planar']"):
-            # read as a floating joint, so that it can be held
-            joint.set("type", "floating")
-            name = joint.get("name", "")
-            impossible.append(
-                (name, f"joint {name!r}: planar joints are only read where they are held (--lock)")
-            )
-        tree = read_tree(root, impossible)
-        super().__init__(tree.links, tree.joints, tree.base)
-        if len(self.extra) > MAX_LOOPS:
-            raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
+        complaints: Complaints = [] if impossible is None else impossible
+        check_tree(tree, complaints)
+        super().__init__(tree.name, tree.links, tree.joints, tree.others)
         freedoms = len(self.coordinates)
         if freedoms > MAX_FREEDOMS:
             raise RobotFileError(f"<robot>: joints of {freedoms} freedoms; at most {MAX_FREEDOMS} are read")
         self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
-        self._added: dict[str, str] = {}  # the link that carries each added frame
         self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
 
         # the content of the file beside the tree
+        self.unused = Counter[str]()  # elements by tag
+        self.remarks: list[str] = []
+        self.motors: list[str] = []  # joints
+        self.gears: dict[str, float] = {}  # of these motors, where it is not 1
+        self.two_joint_transmissions: list[TwoJointTransmission] = []
+        self.unread_transmissions: list[str] = []
         self.closures: list[Closure] = []
         self.couplings: list[Coupling] = []
         self.line_springs: list[LineSpring] = []
@@ -317,43 +335,7 @@ class UrdfTree(Tree):
         self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
         self.gravity = (0.0, 0.0, -9.81)
         self.reference: dict[str, float] = {}  # by coordinate
-        # a file with impossible inertias or limits is refused only if their links or joints move
-        self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in impossible]
-
-    @property
-    def frames(self) -> list[str]:
-        """Names of links, of joints and of added frames."""
-        return list(dict.fromkeys([*super().frames, *self._added]))
-
-    def link_of(self, frame: str) -> str:
-        """Return the link that carries a frame of the tree."""
-        return self._added[frame] if frame in self._added else super().link_of(frame)
-
-    def path_to_base(self, link: str) -> list[Joint]:
-        """Return the joints from a link to the base, in this order."""
-        path = []
-        while joint := self.parent_joint.get(link):
-            path.append(joint)
-            link = joint.parent
-        return path
-
-    def zero_pose(self, link: str) -> Array:
-        """Compute the placement (4, 4) of a link in the base, all joints at zero."""
-        matrix = np.eye(4)
-        for joint in self.path_to_base(link):
-            matrix = joint.origin @ matrix
-        return matrix
-
-    def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
-        """Return the moving joints that carry only the first link, and only the second.
-
-        Each list leads from its link towards the base.
-        """
-        path = self.path_to_base(first)
-        other_path = self.path_to_base(second)
-        only_first = [joint for joint in path if joint.moves and joint not in other_path]
-        only_second = [joint for joint in other_path if joint.moves and joint not in path]
-        return only_first, only_second
+        self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in complaints]
 
     # -------------------------------------------------------------- edits
 
@@ -390,7 +372,7 @@ class UrdfTree(Tree):
         """Add a motor to a joint, with the gear that the URDF states."""
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}, self.gears.get(joint, 1.0)))
 
-    def _read_transmission(self, transmission: Element) -> None:
+    def read_transmission(self, transmission: Element) -> None:
         """Read the gears of one motor or of two; remark on other transmissions.
 
         The reduction stands at the actuator (ROS 1), at the joint (ros2_control), or beside both (older
@@ -439,11 +421,8 @@ class UrdfTree(Tree):
             for (motor, gear), arms in zip(motors.items(), turns, strict=True):
                 rotor = free_name(f"{motor}_rotor", self._taken)
                 hinge = free_name(motor, self._taken)
-                turn = NewJoint(hinge, "continuous", np.eye(4), unit_vector("z"))
-                joints_of_rotor = chain_elements(self.base, [turn], rotor, np.eye(4), self._taken)
-                elements = [Element("link", name=rotor), *joints_of_rotor]
-                self.root.extend(elements)
-                self._add_to_tree(elements)
+                turn = Joint(hinge, "continuous", axis=unit_vector("z"))
+                add_chain(self, self.base, [turn], rotor, np.eye(4), self._taken)
                 # gear ratios have no sign, so that the rotor has it
                 terms = {hinge: math.copysign(1.0, -gear), **dict(zip(joints, arms, strict=True))}
                 self.equate(f"{name}_{motor}", terms, 0.0, (rotor, carried))
@@ -455,16 +434,15 @@ class UrdfTree(Tree):
         Underscores are added to the name until it is free, and so is that of the joint NAME_mount.
 
         Raises:
-            RobotFileError: the tree has MAX_TREE_ELEMENTS added frames.
+            RobotFileError: the tree has twice MAX_TREE_ELEMENTS links.
         """
-        if len(self._added) >= MAX_TREE_ELEMENTS:
-            raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
+        if len(self.links) >= 2 * MAX_TREE_ELEMENTS:
+            raise RobotFileError(f"more than {2 * MAX_TREE_ELEMENTS} links and frames")
         free = name
         while free in self._taken or f"{free}_mount" in self._taken:
             free += "_"
         self._taken |= {free, f"{free}_mount"}
-        self._added[free] = link
-        add_frame(self.root, free, link, origin)
+        add_frame(self, free, link, origin)
         return free
 
     def fix_at_reference(self, joint: Joint, reference: Mapping[str, float]) -> None:
@@ -481,13 +459,7 @@ class UrdfTree(Tree):
             return
         values = values or (0.0,) * len(joint.coordinates)
         self.fixed_positions[joint.name] = values[0]
-        fix_joint(joint, *values)
-
-    def replace_by_ball(self, joint: Joint) -> None:
-        """Replace a joint by a ball."""
-        remove_children(joint.element, "axis", "limit")
-        joint.kind = "spherical"
-        joint.element.set("type", joint.kind)
+        self.put(fixed_joint(joint, *values))
 
     def lock_turn_of_ball(
         self, ball: Joint, axis: str, value: float | None, rotation_vector: Sequence[float]
@@ -509,7 +481,7 @@ class UrdfTree(Tree):
         locked_angle, *angles = Rotation.from_rotvec(rotation_vector).as_euler(sequence)
         if value is not None:
             locked_angle = value
-        ball.origin = ball.origin @ placement(rotation_about(unit_vector(axis), locked_angle))
+        ball = replace(ball, origin=ball.origin @ placement(rotation_about(unit_vector(axis), locked_angle)))
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
         self.fixed_positions[f"{ball.name}_r{axis}"] = locked_angle
@@ -526,29 +498,13 @@ class UrdfTree(Tree):
         for name in names:
             if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
-        motions = []
-        origin = joint.origin
-        for name, axis in zip(names, axes, strict=True):
-            motions.append(NewJoint(name, "continuous", origin, unit_vector(axis)))
-            origin = np.eye(4)  # of all hinges but the first
-
-        # the chain takes the place of the joint in the XML, then in the tree
-        elements = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), self._taken))
-        position = list(self.root).index(joint.element)
-        self.root[position : position + 1] = elements
+        motions = [
+            Joint(name, "continuous", axis=unit_vector(axis)) for name, axis in zip(names, axes, strict=True)
+        ]
+        motions[0] = replace(motions[0], origin=joint.origin)
         del self.joints[joint.name]
-        self._add_to_tree(elements)
-
-    def _add_to_tree(self, elements: Iterable[Element]) -> None:
-        """Add links and joints of the XML to the tree, links before their joints."""
-        for element in elements:
-            if element.tag == "link":
-                self.links.append(element.get("name", ""))
-            else:
-                joint = read_joint(element, set(self.links))
-                self._taken.add(joint.name)
-                self.joints[joint.name] = joint
-                self.parent_joint[joint.child] = joint
+        add_chain(self, joint.parent, motions, joint.child, np.eye(4), self._taken)
+        self._taken.update(names)
 
     def fix_coupled_joints(self) -> None:
         """Fix joints that couplings determine from fixed joints, and substitute these in the couplings."""

@@ -110,7 +110,8 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
 def _no_law_near(task: Task) -> NotConverged:
     """Return the refusal of a task if no law near the best crosses in balance."""
     return NotConverged(
-        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular",
+        "no law near the best crosses where the deflected robot is singular",
+        name=task.robot.name,
         residual=np.inf,
     )
 

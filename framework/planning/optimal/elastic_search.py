@@ -162,7 +162,7 @@ class ElasticSearch:
         return ElasticSearch(task, starts, points, sampled, first_law)
 
     def find_motion(self) -> OptimalMotion:
-        """Return the best motion; raise as `optimal_motion`."""
+        """Return the best motion; raise NoLaw or NotConverged if there is none."""
         best = None
         try:
             for best in self._find_motions():
@@ -222,8 +222,9 @@ class ElasticSearch:
             return failure
         excess, _ = format_distinct(least_excess, 1.0)
         return NotConverged(
-            f"{self.task.robot.name}: no law was found whose motion with springs keeps the limits: "
+            f"no law was found whose motion with springs keeps the limits: "
             f"the nearest motion found takes {excess} times the limits",
+            name=self.task.robot.name,
             residual=least_excess - 1.0,
         )
 
@@ -395,8 +396,9 @@ class ElasticSearch:
                 return iterate
             places = [crossing.s for crossing in dynamics.crossings]
         raise NotConverged(
-            f"{self.task.robot.name}: no law found has the required times and speeds where the deflected "
-            f"robot is singular, in {MAX_PLACE_STEPS} passes",
+            f"no law found has the required times and speeds where the deflected robot is singular, "
+            f"in {MAX_PLACE_STEPS} passes",
+            name=self.task.robot.name,
             residual=np.inf,
         )
 
@@ -408,9 +410,10 @@ class ElasticSearch:
     def _refuse_rest(self, rest: float) -> NotConverged:
         """Return the refusal of a motion whose springs are not at rest at the ends."""
         return NotConverged(
-            f"{self.task.robot.name}: springs start or stop with {rest:.2g} times what counts as rest "
+            f"springs start or stop with {rest:.2g} times what counts as rest "
             f"({MAX_END_RATE:g} of their largest rate and {MAX_END_ACCELERATION:g} of their largest "
             f"acceleration), though {self.task.specification.smoothness} derivatives of the law vanish there",
+            name=self.task.robot.name,
             residual=rest,
         )
 
@@ -440,10 +443,11 @@ class ElasticSearch:
             if compliance is not None:
                 stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)  # over the robot's stiffness
                 raise NoLaw(
-                    f"{self.task.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
+                    f"at rest at s = {s:g} the springs give way: as they get softer, "
                     f"deflections turn back at {1.0 / compliance:.3g} times their stiffness, so that no law "
                     f"was found on the branch of the rigid robot; springs {stiffer:.3g} times as stiff hold "
                     f"at this end",
+                    name=self.task.robot.name,
                     evidence=StaticFold(s, compliance),
                 )
 
@@ -458,9 +462,10 @@ class ElasticSearch:
         least = find_least_softening(problem, duration)
         if least is not None and least.rho > MAX_SOFTENING:
             raise NoLaw(
-                f"{self.task.robot.name}: the springs give way at s = {least.s:.6g}: under the best law "
+                f"the springs give way at s = {least.s:.6g}: under the best law "
                 f"found, to first order, loads take {least.rho:.3g} of what keeps the robot from being "
                 f"singular there (above {MAX_SOFTENING:g}, to that order, no deflections are in balance)",
+                name=self.task.robot.name,
                 evidence=least,
             )
 

@@ -429,17 +429,18 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of ends in motion as rows (k, n) on the coefficients of z.
 
     s' ... s^(R) at such an end, where phi' > 0, determine the first R derivatives of sigma by time, and so z
-    and its first R - 1 derivatives by sigma: with v = d sigma/dt, the derivatives of sigma are v, z'/2,
-    v z"/2 and z'z"/4 + z z"'/2. The rows of z are those of its derivatives by xi, by the chain rule.
+    and its first R - 1 derivatives by sigma. R is the number that torques contain, or that is stated; splines
+    have no more than torques contain. The rows of z are those of its derivatives by xi, by the chain rule.
     """
     specification = problem.specification
-    orders = min(specification.smoothness, HIGHEST_ORDER)
     rows = [np.empty((0, len(basis.matrix(np.ones(1)).toarray()[0])))]
     values = [np.empty(0)]
-    ends = zip(specification.ends.moving, specification.ends.derivatives(orders), strict=True)
-    for sigma, (is_moving, derivatives) in enumerate(ends):
-        if not is_moving:
+    for sigma, end in enumerate(specification.ends):
+        if not end:
             continue
+        orders = min(specification.smoothness, HIGHEST_ORDER)
+        orders = orders if basis.is_spline else max(orders, len(end))
+        derivatives = specification.ends.derivatives(orders)[sigma]
         at_end = np.array(float(sigma))
         by_xi = [
             basis.matrix(np.array([2.0 * sigma - 1.0]), k).toarray()[0] for k in range(orders)
@@ -454,17 +455,19 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
 
 def _squared_speed_at_end(phi: Smoothstep, sigma: Array, derivatives: Array) -> Array:
-    """Compute z and its derivatives (R,) by sigma at an end with derivatives (R,) of s by time, R <= 4."""
-    orders = len(derivatives)
-    by_sigma = [phi(sigma, k) for k in range(orders + 1)]
-    rates = list[Array]()  # of sigma by time: those of phi(sigma(t)) are the given ones, one after the other
+    """Compute z and its derivatives (R,) by sigma at an end with derivatives (R,) of s by time.
+
+    The derivatives of s = phi(sigma(t)) give those of sigma one after the other, these those of u = z'/2 by
+    sigma: the derivative of order k of u(sigma(t)), that of order k + 2 of sigma, contains v^k u^(k).
+    """
+    by_sigma = [phi(sigma, k) for k in range(len(derivatives) + 1)]
+    rates = list[Array]()  # of sigma by time
     for order, derivative in enumerate(derivatives, start=1):
         rest = compose_derivatives(by_sigma[: order + 1], [*rates, np.zeros(())])[order]
         rates.append((derivative - rest) / by_sigma[1])
-    v, a, *higher = rates
-    z = [v**2, 2.0 * a]
-    if higher:
-        z.append(2.0 * higher[0] / v)
-    if len(higher) > 1:
-        z.append(2.0 * (higher[1] - 0.5 * a * z[2]) / v**2)
-    return np.array(z)
+    v = rates[0]
+    u = list[Array]()
+    for order, rate in enumerate(rates[1:]):
+        rest = compose_derivatives([*u, np.zeros(())], rates[:order])[order]
+        u.append((rate - rest) / v**order)
+    return np.array([v**2, *(2.0 * value for value in u)])

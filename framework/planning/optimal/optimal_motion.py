@@ -36,10 +36,10 @@ from framework.planning.optimal.undeformed_law import (
 )
 from framework.planning.refusals import (
     PRINTED_DIGITS,
+    HoldingTorque,
     LeastLimits,
     SearchEvidence,
     advice_of,
-    describe_search,
 )
 from framework.planning.request import limit_excess
 from framework.singularity.points_on_path import SingularPoint
@@ -71,9 +71,9 @@ def optimal_motion(task: Task) -> OptimalMotion:
     except NoLaw as refusal:
         if isinstance(refusal.evidence, SearchEvidence) and task.to_cross.explained:
             sought = _try_remedies(task, _count_drives(task, refusal.evidence))
-            words = describe_search(task.robot, sought) if sought.reason else str(refusal)
-            advice = "" if sought.limits is None else f"; {advice_of(task.robot, sought.limits)}"
-            refusal.args, refusal.evidence = (words + advice,), sought
+            numbers = () if isinstance(refusal.proof, HoldingTorque) else sought.clauses
+            advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
+            refusal.clauses, refusal.evidence = (*numbers, *advice), sought
         raise
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)
@@ -128,18 +128,17 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
         if _try_motion(task, **{bound: duration}) is not None:
             evidence = evidence._replace(duration=duration)
             break
-    words = ""
+    clauses = [] if quickest is None else [f"within all limits the quickest law found takes {quickest:.4g} s"]
     loosened: dict[str, Any] = {name: share * limit for name, limit in raised.items()}
     looser = drives._replace(**loosened)
     if evidence.duration is None and _try_motion(task, drives=looser) is not None:
         evidence = evidence._replace(limits=raised)
-        words = f"; {advice_of(task.robot, raised)}"
-    least_time = (
-        "" if quickest is None else f"; within all limits the quickest law found takes {quickest:.4g} s"
-    )
+        clauses.append(advice_of(task.robot, raised))
     return NoLaw(
-        f"{task.robot.name}: no law of free shape was found within torque-speed curves and RMS torques: "
-        f"under the best law within the other limits {use.sentence}{least_time}{words}",
+        f"no law of free shape was found within torque-speed curves and RMS torques: "
+        f"under the best law within the other limits {use.sentence}",
+        name=task.robot.name,
+        clauses=tuple(clauses),
         evidence=evidence,
     )
 
@@ -192,7 +191,8 @@ def _find_motion(task: Task) -> OptimalMotion:
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
-            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry rigid"
+            "optimal laws of elastic robots with damping are not supported with geometry rigid",
+            name=robot.name,
         )
     check_speeds(task, points)
     if robot.n_e:
@@ -220,12 +220,15 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
         try:
             dynamics = resolve_law(task, best.law, None)
         except UnboundedTorque as failure:  # condition (8) is met, but for rounding
-            raise NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s) from None
+            raise NotConverged(
+                failure.sentence, name=failure.name, residual=abs(failure.wrench), s=failure.s
+            ) from None
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             return OptimalMotion(dynamics, best.law, best)
         best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(
-        f"{task.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
+        f"no law within all limits is resolved in {MAX_PASSES} passes",
+        name=task.robot.name,
         residual=abs(excess - 1.0),
     )

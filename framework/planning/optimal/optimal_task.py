@@ -129,8 +129,9 @@ def check_speeds(task: Task, points: Sequence[SingularPoint]) -> None:
         if is_orthogonal and not product < 0.0:
             why = "both pull the same way" if product > 0.0 else "one of them is zero and the other not"
             raise NoLaw(
-                f"{task.robot.name}: at s = {point.s:.6g} the path runs orthogonal to t_s: condition "
+                f"at s = {point.s:.6g} the path runs orthogonal to t_s: condition "
                 f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
+                name=task.robot.name,
                 proof=UnmetCondition(point.s, *coefficients_at(task.branch, point, None)[:3], stop=False),
             )
 
@@ -169,6 +170,7 @@ def check_single_crossings(task: Task) -> None:
             corank = target.corank
             event = "touches the locus" if corank == 1 else f"leaves {corank} motions uncontrolled"
             raise NoLaw(
-                f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflected robot has two "
-                f"crossings there or none; move the path off the locus or across it"
+                f"at s = {target.s:.6g} the path {event}; the deflected robot has two "
+                f"crossings there or none; move the path off the locus or across it",
+                name=task.robot.name,
             )

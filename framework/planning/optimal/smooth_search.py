@@ -34,8 +34,12 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
 # towards required instants: steps with the tangents of all stages; share of a duration by which the last law
-# may differ, to be adjusted
-MAX_SETTLING_STEPS, SETTLED_DURATION = 30, 1e-3
+# may differ, to be adjusted; share at which a law is near, but for its cost; of the least cost, tried next
+MAX_SETTLING_STEPS, SETTLED_DURATION, NEARLY_SETTLED, TIMED_SHARE = 30, 1e-3, 2e-2, 0.1
+# of descents at required instants: largest relative change of z in a step, its part after a failure and the
+# least; relative gains of cost and of squared curvature that are worth a further step
+FIRST_TRUST, TRUST_LEFT, LEAST_TRUST = 0.3, 0.3, 0.02
+MIN_COST_GAIN, MIN_SMOOTHING = 3e-4, 0.1
 # excess over a required duration that the first step admits; its part in each further one; part of its own
 # excess that a step may leave: z^(-1/2) keeps up to 1 / sqrt(3) of it at the zero of its tangent
 FIRST_SLACK, SLACK_LEFT, EXCESS_LEFT = 0.5, 0.5, 0.6
@@ -182,37 +186,95 @@ class SmoothSearch(NamedTuple):
         """Find a smooth law as `find_smooth` that passes all crossings at the required instants.
 
         The bounds count that no stage takes longer than required. If the smoothest law within them has too
-        quick a stage, a law is settled whose stages take exactly what is required. Where this costs more, the
-        least cost of laws so settled replaces that of the bounds.
+        quick a stage, a law is settled whose stages take exactly what is required. Where this costs more,
+        bounds of the cost are loosened, and the least cost of laws so settled replaces that of the bounds.
 
         Args:
             similar: a law with these instants, if one is known.
         """
-        quick, _floor = self._solve_above_floor(self.bounds, similar=similar)
-        if isinstance(quick, Speed):
-            if self._mismatch(quick) <= SAME_DURATION:
-                return self, quick
-            law = self._settle_first(similar, quick, self.bounds)
+        problem = self.program.problem
+        own = self.bounds
+        longest = own.longest
+        if self.goal == "time":
+            longest = problem.bound_stages(problem.specification.longest or 2.0 * self.least.least_duration)
+        limits = Bounds(longest, share=own.share)
+        if similar is not None:
+            law = self._descend_at_instants(similar, "curvature", own)
             if law is not None:
                 return self, law
-        elif self.goal == "time":
-            return self, quick
-
-        # the least cost at these instants: down from a law without a bound of the cost
-        longest = self.bounds.longest
-        if self.goal == "time":
-            problem = self.program.problem
-            longest = problem.bound_stages(problem.specification.longest or 2.0 * self.least.least_duration)
-        limits = Bounds(longest, share=self.bounds.share)
-        quick, _floor = self._solve_above_floor(limits, similar=similar)
-        if isinstance(quick, NoneFound):
-            return self, quick
-        law = self._settle_first(similar, quick, limits)
-        best = None if law is None else self._settle(law, self.goal, limits)
-        if best is None:
+        start, law = similar, None
+        for bounds in (own, self._replace(share=TIMED_SHARE).bounds, limits):
+            quick, _floor = self._solve_above_floor(bounds, similar=similar)
+            if isinstance(quick, Speed):
+                start = self._settle_first(start, quick, bounds)
+                law = self._adjust(start)
+            elif self.goal == "time":
+                return self, quick
+            if law is not None:
+                break
+        if law is None:
             return self, self._refuse_times()
+        if bounds is own:
+            return self, law
+        best = self._descend_at_instants(law, self.goal, limits) or law
         search = self._replace(least=best._replace(least_duration=best.duration))
-        return search, search._settle(best, "curvature", search.bounds) or best
+        return search, search._descend_at_instants(best, "curvature", search.bounds) or best
+
+    def _descend_at_instants(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
+        """Lower the cost of a law with the required instants, in a trust region about each law.
+
+        Args:
+            law: the law; it may be beyond the bounds, so that the first step within them may cost more.
+            goal: of `SpeedProgram.minimise`.
+            bounds: the bounds; those of stages with a required duration do not count.
+        """
+        program = self.program
+        bounds = self._bound_required(bounds, np.inf)
+        best, trust = None, FIRST_TRUST
+        for _ in range(MAX_SETTLING_STEPS):
+            z = program.positive_rows @ law.y
+            floor, cap = np.maximum((1.0 - trust) * z, law.floor), (1.0 + trust) * z
+            about = (law.y, program.problem.stages, True)
+            found = program.minimise(goal, bounds, self.units, floor=floor, cap=cap, about=about)
+            step = None
+            if isinstance(found, Speed):
+                step = self._adjust(found._replace(floor=law.floor), NEARLY_SETTLED)
+            if step is not None and (best is None or self._gains(goal, step, law)):
+                law = best = step
+                continue
+            trust *= TRUST_LEFT
+            if trust < LEAST_TRUST:
+                break
+        return best
+
+    def _gains(self, goal: str, step: Speed, law: Speed) -> bool:
+        """Return whether a step costs so much less than a law that a further one is worth its program."""
+        if goal == "curvature":
+            rows = self.program.curvature.parts["y"]
+            return bool(np.sum((rows @ step.y) ** 2) < (1.0 - MIN_SMOOTHING) * np.sum((rows @ law.y) ** 2))
+        return cost_of(goal, step) < (1.0 - MIN_COST_GAIN) * cost_of(goal, law)
+
+    def _adjust(self, law: Speed, allowed: float = SETTLED_DURATION) -> Speed | None:
+        """Adjust a law that nearly has the required instants to these; None if it is farther off.
+
+        Args:
+            allowed: share of a stage's duration by which the law may be off.
+        """
+        program = self.program
+        if self._mismatch(law) > allowed:
+            return None
+        try:
+            y = program.space.adjust(law.y, program.conditions, program.problem.instants)
+        except InvalidInput:  # z is nearly zero
+            return None
+        return program.evaluate_speed(y, law.x)._replace(floor=law.floor)
+
+    def _bound_required(self, bounds: Bounds, excess: Array | float) -> Bounds:
+        """Return bounds with those of required stages at a relative excess (m,) over these; inf for none."""
+        stages = self.program.problem.stages
+        longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest
+        longest = np.where(np.isfinite(stages), (1.0 + excess) * stages, longest)
+        return bounds._replace(longest=longest if np.isfinite(longest).any() else None)
 
     def _refuse_times(self) -> NoneFound:
         """Return the result that no law with the required times was found."""
@@ -224,17 +286,24 @@ class SmoothSearch(NamedTuple):
         ratio = law.durations / self.program.problem.stages  # zero where open
         return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
 
-    def _settle_first(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Speed | None:
-        """Settle the smoothest law from the first of several starts with success; None without one.
+    def _settle_first(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Speed:
+        """Settle the smoothest law from several starts; return the first that is nearly settled, or the last.
+
+        A law that tangents lead so near is as near from other starts: what is missing is cost.
 
         Args:
             similar: a law with the required instants, if one is known.
             quick: a law of which no stage takes longer than required.
             bounds: as of `_settle`.
         """
-        starts = self._starts_of_stages(similar, quick, bounds)
-        laws = (self._settle(start, "curvature", bounds) for start in starts)
-        return next((law for law in laws if law is not None), None)
+        law = quick
+        if self._mismatch(quick) <= BLENDED_DURATION:  # its adjustment costs no more than that
+            return quick
+        for start in self._starts_of_stages(similar, quick, bounds):
+            law = self._settle(start, bounds)
+            if self._mismatch(law) <= NEARLY_SETTLED:
+                break
+        return law
 
     def _starts_of_stages(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Iterator[Speed]:
         """Yield laws from which stages may be settled: similar, quick, and waiting ones.
@@ -276,8 +345,8 @@ class SmoothSearch(NamedTuple):
             y, x = (a + shares[last] * (b - a) for a, b in ((slow.y, quick.y), (slow.x, quick.x)))
             yield self.program.evaluate_speed(y, x)._replace(floor=floor)
 
-    def _settle(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
-        """Find a law of little cost whose stages take what is required; None without one.
+    def _settle(self, law: Speed, bounds: Bounds) -> Speed:
+        """Find a smooth law whose stages take what is required; return the nearest to that.
 
         Each program requires it of the tangents about the law before, which are below the durations. Where
         the excess of the durations then does not fall, as tangents may lead from one slow place to another,
@@ -285,23 +354,19 @@ class SmoothSearch(NamedTuple):
 
         Args:
             law: the first law, above whose floor others are sought.
-            goal: of `SpeedProgram.minimise`.
             bounds: the bounds; those of stages with a required duration do not count.
         """
-        program, floor = self.program, law.floor
-        stages = program.problem.stages
+        program, stages = self.program, self.program.problem.stages
         required = np.isfinite(stages)
-        longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest.copy()
-        excess = np.abs(law.durations / stages - 1.0)[required]
+        excess = np.abs(law.durations / stages - 1.0)  # (m,), 1 where open
         slack, bounded = FIRST_SLACK, False
         for _ in range(MAX_SETTLING_STEPS):
             allowed = np.maximum(EXCESS_LEFT * excess, max(slack, BLENDED_DURATION))
-            longest[required] = (1.0 + allowed) * stages[required] if bounded else np.inf
             found = program.minimise(
-                goal,
-                bounds._replace(longest=longest if np.isfinite(longest).any() else None),
+                "curvature",
+                self._bound_required(bounds, allowed if bounded else np.inf),
                 self.units,
-                floor=floor,
+                floor=law.floor,
                 about=(law.y, stages, not bounded),
             )
             if isinstance(found, Unsolved) or not np.isfinite(found.duration):
@@ -309,21 +374,15 @@ class SmoothSearch(NamedTuple):
                     break
                 bounded = True
                 continue
-            excess_found = np.abs(found.durations / stages - 1.0)[required]
-            if not bounded and np.any(excess_found > allowed):
+            excess_found = np.abs(found.durations / stages - 1.0)
+            if not bounded and np.any((excess_found > allowed)[required]):
                 bounded = True
                 continue
             law, excess = found, excess_found
             slack *= SLACK_LEFT
-            if excess.max() <= (BLENDED_DURATION if bounded else SAME_DURATION):
+            if self._mismatch(law) <= (2.0 * BLENDED_DURATION if bounded else SAME_DURATION):
                 break
-        if self._mismatch(law) > SETTLED_DURATION:
-            return None
-        try:
-            y = program.space.adjust(law.y, program.conditions, program.problem.instants)
-        except InvalidInput:  # z is nearly zero
-            return None
-        return program.evaluate_speed(y, law.x)._replace(floor=floor)
+        return law
 
     # -------------------------------------------------------------- a required duration
 

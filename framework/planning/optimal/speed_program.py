@@ -263,7 +263,7 @@ class SpeedProgram:
         bounds: Bounds,
         units: Units,
         *,
-        floor: float = 0.0,
+        floor: Array | float = 0.0,
         cap: Array | float = np.inf,
         weights: Array | None = None,
         about: tuple[Array, Array, bool] | None = None,
@@ -282,7 +282,7 @@ class SpeedProgram:
                 integral of `weights` z.
             bounds: bounds of duration, peak and energy, and the share of the limits that may be used.
             units: units of time and torque in which the optimum is near 1.
-            floor: lower bound of the `positive_rows` [1/s^2].
+            floor: lower bound of the `positive_rows` [1/s^2], one or (m,).
             cap: upper bound of the `positive_rows` (m,) [1/s^2].
             weights: (P,) at the points with a weight, for the goal "slowness".
             about: y (n,), durations (m,) [s] of stages, and whether the tangents of T(z) at y must be equal
@@ -341,7 +341,7 @@ class SpeedProgram:
             open_stage = float(self.stage_weights[stage] @ optimum["v"]) * units.time
             least = open_stage + sum(self.problem.specification.times[-1:])
         x = optimum["x"] * self._internal_unit(units) if self.frames is not None else NO_INTERNAL
-        return self.evaluate_speed(y, x, least)._replace(floor=floor)
+        return self.evaluate_speed(y, x, least)._replace(floor=float(np.min(floor)))
 
     def _trusted_range(self) -> tuple[Array, Array]:
         """Return bounds (m,) [1/s^2] of the `positive_rows` by the problem, from below and from above."""

@@ -38,7 +38,6 @@ from framework.planning.refusals import (
     HoldingTorque,
     LeastLimits,
     SearchEvidence,
-    describe_search,
 )
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
@@ -154,7 +153,8 @@ def settle_tangents(
     if not is_damped:  # the last law is within the limits of drives, and may be slower than needed
         return result
     raise NotConverged(
-        f"{problem.task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes",
+        f"law and damping do not settle together in {MAX_TANGENTS} passes",
+        name=problem.task.robot.name,
         residual=error,
     )
 
@@ -187,7 +187,8 @@ def adapt_found_law(
     adapted = adapt_law(best, excess=excess, share=share)
     if isinstance(adapted, NoneFound):
         raise NotConverged(
-            f"{task.robot.name}: no law near the best keeps all limits between its points",
+            "no law near the best keeps all limits between its points",
+            name=task.robot.name,
             residual=excess - 1.0,
         )
     if not task.robot.is_damped:
@@ -334,7 +335,8 @@ def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: 
             law = replace(law, coefficients=y)
         except InvalidInput as reason:
             raise NotConverged(
-                f"{problem.task.robot.name}: no law near the best has condition (8) with damping ({reason})",
+                f"no law near the best has condition (8) with damping ({reason})",
+                name=problem.task.robot.name,
                 residual=np.inf,
             ) from None
     return law
@@ -354,7 +356,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     name = problem.task.robot.name
     cells = len(none.program.basis.cells) - 1
     not_found = NotConverged(
-        f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
+        f"no optimal law was found on {cells} cells: {none.status}", name=name, residual=np.inf
     )
     if problem.response is not None or not problem.task.to_cross.explained:
         return not_found  # torques linearised about another motion prove nothing about limits
@@ -362,7 +364,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
         problem = problem.with_goal(problem.specification.goal, drives=None)
         if isinstance(settle_tangents(problem, points), Best):
             words = "no law of free shape was found within torque-speed curves and RMS torques"
-            return NotConverged(f"{name}: {words}", residual=np.inf)
+            return NotConverged(f"{words}", name=name, residual=np.inf)
     holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
@@ -383,8 +385,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
         peak, _ = format_distinct(proof.value, 1.0)
         start += ", too fast to brake within the limits" if start else ""
         reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
-    evidence = evidence._replace(reason=reason)
-    return NoLaw(describe_search(problem.task.robot, evidence), proof=proof, evidence=evidence)
+    return NoLaw(reason, name=name, clauses=evidence.clauses, proof=proof, evidence=evidence)
 
 
 def _describe_times(program: SpeedProgram) -> str:
@@ -430,8 +431,8 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
         load = f"drive with {needed} {unit} at s' = {speed:g} 1/s and s\" = {acceleration:g} 1/s^2"
     shared = ", even with the load shared best" if problem.specification.shares_freely else ""
     return NoLaw(
-        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must {load}, and may "
-        f"{allowed}{shared}",
+        f"no law is admissible: at the {end} {holding.joint} must {load}, and may {allowed}{shared}",
+        name=robot.name,
         proof=holding,
         evidence=evidence,
     )

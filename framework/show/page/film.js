@@ -106,6 +106,7 @@ class Film {
     key("var(--wrench)", "W<sub>p</sub>: force asked for");
     const kinds = ["force", "moment"].filter((_, part) => content.world.some((wrench) => decoded(wrench[["linear", "angular"][part]]).some(Boolean)));
     if (kinds.length) key("var(--world)", `${kinds.join(" and ")} of the world, to the scale of W<sub>p</sub>`);
+    if (this.vectors.beside.lengthSq()) lines.push("<div>ringed arrows beside the platform: turns and moments</div>");
     if (this.g) {
       const solid = content.polytope ? (!content.polytope.flat ? " (solid: its own scale)" : shared.dataset.columns > 1 ? "" : " (fades where it goes on)") : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
       lines.push(`<div><span class="key given"></span>what ${plain(content.stated)} can give${solid}${none}</div>`);

@@ -188,6 +188,34 @@ class Coil {
   }
 }
 
+// A spring between two points: a helix with straight ends that stretches from one to the other.
+class LineSpring {
+  constructor(length) {
+    this.object = new THREE.Group();
+    const turns = 9, radius = 0.022 * length, wire = 0.0035 * length;
+    const line = [[0, 0, 0], [0, 0, 0.1]];
+    for (let k = 0; k <= 16 * turns; k++) {
+      const angle = (k / 16) * 2 * Math.PI, wide = radius * Math.min(1, k / 8, (16 * turns - k) / 8);
+      line.push([wide * Math.cos(angle), wide * Math.sin(angle), 0.2 + (0.6 * k) / (16 * turns)]);
+    }
+    line.push([0, 0, 0.9], [0, 0, 1]);
+    // built at the length of the picture, then scaled along z
+    this.length = length;
+    const curve = new THREE.CatmullRomCurve3(line.map(([x, y, z]) => new THREE.Vector3(x, y, length * z)));
+    const material = new THREE.MeshPhongMaterial({ color: ink("ink"), shininess: 60 });
+    this.object.add(new THREE.Mesh(new THREE.TubeGeometry(curve, 24 * turns, wire, 7), material));
+  }
+
+  set(start, end) {
+    const along = end.clone().sub(start), distance = along.length();
+    this.object.visible = distance > 1e-9 * this.length; // where its ends meet it has no direction
+    if (!this.object.visible) return;
+    this.object.position.copy(start);
+    this.object.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), along.normalize());
+    this.object.scale.z = distance / this.length;
+  }
+}
+
 // The colour of a motor by its share of the largest torque: from idle to busy, and the alarm beyond it.
 const [IDLE, BUSY, ALARM] = ["idle", "busy", "alarm"].map((name) => new THREE.Color(ink(name)));
 function heat(share) {

@@ -28,6 +28,10 @@ class Vectors {
     this.values = {};
     this.arrows = {};
     this.origins = {}; // where each begins
+    // Shifts and turns of one robot would lie on one another: turns stand beside them, t_s on the left.
+    const isMixed = this.turning.some(Boolean) && !this.turning.every(Boolean);
+    const ahead = new THREE.Vector3(...content.view.from), up = Math.abs(ahead.z) > 0.99 * ahead.length() ? new THREE.Vector3(0, 1, 0) : new THREE.Vector3(0, 0, 1);
+    this.beside = up.cross(ahead).normalize().multiplyScalar(isMixed ? 0.28 * L : 0);
     this.pair(view, "t_s", content.t_s, "twist", symbols("t_s"), { bothWays: true });
     this.pair(view, "W_p", content.W_p, "wrench", symbols("W_p"));
     content.world.forEach((wrench, k) => this.pair(view, `world ${k}`, wrench, "world", `on ${plain(wrench.frame)}`));
@@ -57,6 +61,7 @@ class Vectors {
       angular: new Arrow(ink(color), 0.005 * L, { bothWays, turning: true }),
     };
     for (const arrow of Object.values(pair)) view.add(arrow.object);
+    pair.leader = view.add(new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: ink(color), depthTest: false, transparent: true })));
     view.label(said, `var(--${color})`, () => (pair.linear.object.visible ? pair.linear.tip : pair.angular.object.visible ? pair.angular.tip : null), (tip) => {
       // beyond the head of the arrow
       const from = view.onScreen(this.origins[name]), across = tip.x - from.x, down = tip.y - from.y, size = Math.hypot(across, down) || 1;
@@ -78,7 +83,11 @@ class Vectors {
       const opacity = name === "t_s" ? 0.25 + 0.75 * near : 1;
       const scale = (size) => (size > 1e-9 * (largest[0] + largest[1]) ? (name === "t_s" ? 0.32 : 0.45) * this.length / size : 0);
       this.arrows[name].linear.set(from, this.at(name, "linear", k, part).multiplyScalar(scale(largest[0])), opacity);
-      this.arrows[name].angular.set(from, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
+      const { angular, leader } = this.arrows[name], beside = from.clone().addScaledVector(this.beside, name === "t_s" ? -1 : 1);
+      angular.set(beside, this.at(name, "angular", k, part).multiplyScalar(0.8 * scale(largest[1])), opacity);
+      leader.visible = angular.object.visible && beside.distanceTo(from) > 0;
+      leader.material.opacity = 0.6 * opacity;
+      leader.geometry.setFromPoints([from, beside]);
     }
     const entry = (values, count, m) => { // of motor m; between two frames as all vectors are
       const at = vectorAt(values, count * k + m, 0);
@@ -110,7 +119,7 @@ class Vectors {
   // Both ends of all arrows that are seen, and the corners of a parallelepiped.
   get ends() {
     const corners = this.polytope instanceof Parallelepiped ? this.polytope.corners.map((corner) => new THREE.Vector3(...corner).add(this.origin)) : [];
-    return corners.concat(Object.values(this.arrows).flatMap((pair) => Object.values(pair)).filter(({ object }) => object.visible).flatMap(({ tip, object, bothWays }) =>
+    return corners.concat(Object.values(this.arrows).flatMap(({ linear, angular }) => [linear, angular]).filter(({ object }) => object.visible).flatMap(({ tip, object, bothWays }) =>
       (bothWays ? [tip.clone(), object.position.clone().multiplyScalar(2).sub(tip)] : [tip.clone()])));
   }
 }

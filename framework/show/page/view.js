@@ -24,6 +24,8 @@ class View {
     }
     for (const shape of content.shapes) this.nodes[shape.node].add(solid(shape));
     this.motors = content.motors.map((motor) => this.motor(motor));
+    this.springs = content.line_springs.map((ends) => ({ ends, coil: new LineSpring(this.length) }));
+    for (const { coil } of this.springs) this.robot.add(coil.object);
     this.viewer.scene.add(this.robot);
     this.surroundings();
     this.poses = decoded(content.poses);
@@ -174,6 +176,12 @@ class View {
       // along the chord: of frames this near the arc differs by less, and slerp() gives up below 1e-3 rad in single precision
       node.quaternion.set(mix(3), mix(4), mix(5), mix(6)).normalize();
     });
+    for (const { ends, coil } of this.springs) {
+      coil.set(...ends.map(({ node, place }) => {
+        const { position, quaternion } = this.nodes[node];
+        return new THREE.Vector3(...place).applyQuaternion(quaternion).add(position);
+      }));
+    }
     this.viewer.set_dirty();
   }
 

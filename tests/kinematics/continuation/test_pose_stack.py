@@ -37,7 +37,7 @@ def error_against_inverse_kinematics(robot, q, x, rng):
 
 
 @pytest.mark.parametrize(
-    ("name", "poses"), [("five_bar", 40), *(pytest.param(name, 100, marks=pytest.mark.slow) for name in SLOW)]
+    ("name", "poses"), [("five_bar", 20), *(pytest.param(name, 100, marks=pytest.mark.slow) for name in SLOW)]
 )
 def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
     """By the motor that turns most; small steps lead to each, and its loops are closed by other equations."""

@@ -99,3 +99,8 @@ def test_a_path_of_other_coordinates_is_refused():
         track_path(robots.load("five_bar"), Line([0, 0, 0], [1, 1, 1]))
     with pytest.raises(InvalidInput, match="must be 2 finite numbers"):
         assemble(robots.load("five_bar"), [0.0, np.inf])
+
+
+def test_turns_in_degrees_are_told_at_once():
+    with pytest.raises(InvalidInput, match=r"turns rz by 260 rad, 41\.4 turns; .* points are in rad"):
+        track_path(robots.load("four_bar"), Line([80.0], [-180.0]))

@@ -22,9 +22,10 @@ from framework import (
 )
 from framework.kinematics.frames import frames_at
 from framework.model.description import Closure, RobotDescription
-from framework.model.placement import to_rpy
+from framework.model.placement import placement, to_rpy
 from framework.model.readers import read_any
-from framework.model.urdf_edits import NewJoint, joint_element, vector_text
+from framework.model.urdf_edits import joint_element, vector_text
+from framework.model.urdf_elements import Joint
 from framework.proofs.working_modes import working_modes
 from robots.generators.gough_stewart import platform_joints
 from tests.model.readers.leg import FILE, ankle, with_thin_rods
@@ -48,7 +49,7 @@ def ball(root: ElementTree.Element, name: str, first: str, last: str) -> None:
     start, end = joint_of(root, first), joint_of(root, last)
     origin = start.find("origin")
     place = pin.rpy.rpyToMatrix(np.array(origin.get("rpy", "0 0 0").split(), float)) @ TURN.T
-    turned = ElementTree.Element("origin", xyz=origin.get("xyz", "0 0 0"), rpy=vector_text(to_rpy(place)))
+    turned = placement(place, np.array(origin.get("xyz", "0 0 0").split(), float))
     parent, child = start.find("parent").get("link"), end.find("child").get("link")
     while end is not start:
         below = end.find("parent").get("link")
@@ -56,9 +57,7 @@ def ball(root: ElementTree.Element, name: str, first: str, last: str) -> None:
         root.remove(next(link for link in root.findall("link") if link.get("name") == below))
         end = next(joint for joint in root.findall("joint") if joint.find("child").get("link") == below)
     root.remove(start)
-    joint = joint_element(NewJoint(name, "spherical"), parent, child)
-    joint.append(turned)
-    root.append(joint)
+    root.append(joint_element(Joint(name, "spherical", turned, parent=parent, child=child)))
 
 
 def hexapod_on_balls(folder: Path) -> Path:

@@ -1,7 +1,7 @@
 """A malformed file of any dialect gives one clear error that names the file and what is wrong in it.
 
 The corpus: changes made to the good files of tests/data/dialects, each with the words its error must have.
-Our own robot file: test_robot_file. Torn files and mutations by rule: tests/fuzz.
+Our own robot file, and what all URDFs have in common: test_robot_file. Torn files, mutations: tests/fuzz.
 """
 
 from pathlib import Path
@@ -67,9 +67,7 @@ CHANGES = {
     ],
     # Gepetto's URDF
     "pair": [
-        ("<robot", "<robots", "not well-formed XML"),
         ('<link name="tip_B"/>', "", "<child>: unknown link 'tip_B'"),
-        ('<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
         (
             'name="tip_B_frame" type="fixed"',
             'name="tip_B_frame" type="planar"',
@@ -77,20 +75,11 @@ CHANGES = {
         ),
         ('name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
         ('<parent link="right_rod"/>', '<parent link="tip_B"/>', "joins 'tip_B' with itself"),
-        ('xyz="0.2 0 0"', 'xyz="0.2 0"', "joint 'right_motor': <origin> xyz: needs 3 numbers"),
-        ('xyz="0.2 0 0"', 'xyz="0.2 0 nan"', "<origin> xyz: needs finite numbers"),
-        ('xyz="0.2 0 0"', 'xyz="1e300 0 0"', "<origin> xyz: must be at most 1e+30 in size"),
         ('xyz="0.2 0 0"', 'xyx="0.2 0 0"', "unknown attribute 'xyx'; did you mean 'xyz'"),
-        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "joint 'left_motor': <axis>: the axis is zero"),
-        ('<limit effort="1" velocity="20"/>', "", "joint 'left_motor': <limit> is missing"),
         ("<robot name", "<robot nam", "<robot>: attribute 'name' is missing"),
         ('effort="1"', 'effort="-1"', "<limit>: needs lower <= upper, effort"),
         ('effort="1"', 'lower="1" upper="0" effort="1"', "<limit>: needs lower <= upper"),
         ('ixx="0"', 'ixx="-1"', "link 'tip_A': <inertia>: has the principal moments -1, 0, 0 kg m^2"),
-        ('effort="1" ', "", "<limit>: attribute 'effort' is missing"),
-        ('<mass value="10"/>', "", "link 'tip_A': <inertial>: <mass> is missing"),
-        ('<mass value="10"/>', '<mass value="-1"/>', "<mass>: must not be negative"),
-        ('iyy="0" ', "", "<inertia>: attribute 'iyy' is missing"),
         ('<link name="base"/>', '<link name="base"/><link name="b2"/>', "exactly one root link"),
         ('<link name="base"/>', '<lnik name="base"/>', "unknown element 'lnik'; did you mean 'link'"),
     ],
@@ -102,20 +91,9 @@ CHANGES = {
             "loop 'tip': unknown type 'hinge'",
         ),
         ('<loop name="tip"', "<loop", "<loop>: attribute 'name' is missing"),
-        ("<successor ", "<sucessor ", "not well-formed XML"),
         ('successor link="right_rod"', 'successor link="right"', "<successor>: unknown link 'right'"),
         ('successor link="right_rod"', 'successor lnk="right_rod"', "unknown attribute 'lnk'"),
         ('    <axis xyz="0 0 1"/>\n  </loop>', "  </loop>", "loop 'tip': <axis> is missing"),
-        (
-            '    <axis xyz="0 0 1"/>\n  </loop>',
-            '<axis xyz="0 0 0"/></loop>',
-            "loop 'tip': <axis>: the axis is zero",
-        ),
-        (
-            '    <axis xyz="0 0 1"/>\n  </loop>',
-            '<axis xyz="0 0 1e-300"/></loop>',
-            "loop 'tip': <axis>: the axis is zero",
-        ),
         ("</loop>", "<gap/></loop>", "loop 'tip': unknown element 'gap'"),
         ("</loop>", '<axis xyz="1 0 0"/></loop>', "loop 'tip': duplicate <axis>"),
         ("</robot>", '<loop name="tip" type="revolute"/></robot>', "loop 'tip': <axis> is missing"),
@@ -157,7 +135,6 @@ CHANGES = {
             '<child link="left_rod"/><child_o',
             "no joint moves between",
         ),
-        ('child_origin xyz="0.25 0 0"', 'child_origin xyz="1e999 0 0"', "needs finite numbers"),
         (
             '<joint name="left_motor"> <command',
             '<joint name="motor"> <command',

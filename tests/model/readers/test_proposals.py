@@ -117,6 +117,7 @@ def two_five_bars(stand: Callable[[ElementTree.Element, str], ElementTree.Elemen
     return ElementTree.tostring(root, encoding="unicode")
 
 
+@pytest.mark.slow
 def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_remark_says(tmp_path):
     """The left and the right one stand on carriages of one table."""
 

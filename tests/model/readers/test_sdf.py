@@ -103,6 +103,32 @@ def fingers_sdf() -> str:
     return f'<sdf version="1.11"><model name="fingers">{text}</model></sdf>'
 
 
+def test_each_axis_of_a_universal_joint_may_mimic_another(tmp_path):
+    mimic = '<mimic joint="ja" axis="axis"><multiplier>0.5</multiplier><reference>0.2</reference></mimic>'
+    text = (
+        f'<sdf version="1.11"><model name="wrist"><link name="a"/><joint name="ja" type="universal">'
+        f"<parent>world</parent><child>a</child><axis><xyz>1 0 0</xyz></axis>"
+        f"<axis2><xyz>0 1 0</xyz>{mimic}</axis2></joint></model></sdf>"
+    )
+    (tmp_path / "wrist.sdf").write_text(text)
+    robot = read_any(tmp_path / "wrist.sdf", platform_joints=["ja_2"], motors=["ja"])
+    (coupling,) = robot.couplings
+    assert (coupling.joint, coupling.of, coupling.ratio, coupling.offset) == ("ja_2", "ja", 0.5, -0.1)
+    (tmp_path / "wrist.sdf").write_text(text.replace('joint="ja" axis="axis"', 'joint="jb" axis="axis2"'))
+    with pytest.raises(RobotFileError, match=r"joint 'ja': <mimic>: unknown joint 'jb_2'"):
+        read_any(tmp_path / "wrist.sdf", platform_joints=["ja_2"], motors=["ja"])
+
+
+def test_a_world_finds_the_models_beside_its_folder(tmp_path):
+    for folder in ("worlds", "models/fingers"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "models/fingers/model.sdf").write_text(fingers_sdf())
+    world = '<world name="w"><include><uri>model://fingers</uri></include></world>'
+    (tmp_path / "worlds/w.sdf").write_text(f'<sdf version="1.11">{world}</sdf>')
+    robot = read_any(tmp_path / "worlds/w.sdf", platform_joints=["jb"], motors=["ja"])
+    assert [coupling.name for coupling in robot.couplings] == ["jb_of_ja"]
+
+
 def test_fingers_that_mimic_have_one_plan_in_two_formats(tmp_path):
     """That of the law of motion: what each finger needs, as the first finger feels it."""
     plans = []
@@ -410,9 +436,10 @@ def test_a_model_that_is_not_found_is_named_where_its_joint_is_missing(tmp_path)
 def test_limits_without_a_size_are_none(tmp_path, size):
     limit = f"<limit><lower>-{size}</lower><upper>{size}</upper></limit>"
     text = five_bar().replace(axis(), axis(limit), 1)
+    said = {"platform": "tip_1", "axes": ["x", "y"], "motors": ["left_motor", "right_motor"]}
     (tmp_path / "robot.sdf").write_text(text)
-    described = parse_any(tmp_path / "robot.sdf", propose=propose)
-    assert described.urdf.find("joint[@name='left_motor']").get("type") == "continuous"
+    described = parse_any(tmp_path / "robot.sdf", **said)
+    assert described.tree.joints["left_motor"].kind == "continuous"
     (tmp_path / "robot.sdf").write_text(text.replace(f"-{size}", "-0.5"))
-    limit = parse_any(tmp_path / "robot.sdf", propose=propose).urdf.find("joint[@name='left_motor']/limit")
-    assert (float(limit.get("lower")), float(limit.get("upper"))) == (-0.5, 1e9)
+    described = parse_any(tmp_path / "robot.sdf", **said)
+    assert described.tree.joints["left_motor"].limits == (-0.5, 1e9)

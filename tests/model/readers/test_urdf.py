@@ -8,14 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import ParallelRobot, RobotFileError, assemble, dynamics_at
-from framework.kinematics.assembly import all_loops_matrix
+from framework import Mechanism, ParallelRobot, RobotFileError, assemble, dynamics_at
+from framework.kinematics.assembly import loops_at
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import locked_axes
 from framework.model.readers import parse_any, read_any
 from framework.model.robot_file_writer import write_robot_file
 from tests.model.readers.foreign_files import short_move
 from tests.model.readers.test_sdf import five_bar_urdf
+from tests.oracles.placements import placements
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 TIP = ("left_rod", "right_rod")
@@ -179,6 +180,25 @@ def test_ends_of_a_loop_joint_are_in_the_order_of_the_document(tmp_path):
         read(tmp_path, text.replace(first, first.replace("xyz", "xyx")), **said)
 
 
+def test_the_axis_of_a_loop_joint_may_be_that_of_the_parent(tmp_path):
+    """Two hinges about z of the base, with the second link turned by a right angle about x."""
+    text = """<robot name="pair"><link name="base"/><link name="a"/><link name="b"/>
+      <joint name="ja" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
+      <joint name="jb" type="continuous"><parent link="base"/><child link="b"/>
+        <origin xyz="0.3 0 0" rpy="1.5707963267948966 0 0"/><axis xyz="0 1 0"/></joint>
+      <loop_joint name="loop" type="revolute"><parent link="a"/><child link="b"/>
+        <parent_origin xyz="0.2 0.1 0"/><child_origin xyz="-0.1 0 -0.1"/><axis xyz="0 0 1" frame="parent"/>
+      </loop_joint></robot>"""
+    (tmp_path / "pair.urdf").write_text(text)
+    said = {"platform_joints": ["jb"], "motors": ["ja"]}
+    mechanism = Mechanism.from_description(read_any(tmp_path / "pair.urdf", **said))
+    (closure,) = mechanism.description.closures
+    first, second = placements(mechanism.model, closure.frames, np.zeros(2))
+    for end in (first, second):
+        np.testing.assert_allclose(end.translation, [0.2, 0.1, 0.0], atol=1e-15)
+        np.testing.assert_allclose(end.rotation[:, 2], [0.0, 0.0, 1.0], atol=1e-15)
+
+
 def test_leftovers_of_xacro_are_no_matter(tmp_path):
     more = '<xacro:property name="a" value="1"/><xacro:arg name="b" default="2"/><xacro:macro name="m"/>'
     text = fingers(more, XACRO).replace('name="ja" type', 'xacro:note="x" name="ja" type')
@@ -265,7 +285,7 @@ def test_of_motors_on_all_joints_those_are_taken_that_tell_the_freedoms_apart_be
     gains = {}  # of the motors' rates at the fastest motion of all joints of length 1
     for pair in combinations(POSE, 2):
         robot = ParallelRobot.from_description(read_any(tmp_path / "robot.urdf", motors=pair, **said))
-        loops = all_loops_matrix(robot, robot.reference.q)
+        loops = loops_at(robot, robot.reference.q).jacobian
         motions = np.linalg.svd(loops)[2][np.linalg.matrix_rank(loops, tol=1e-9) :].T
         gains[pair] = np.linalg.svd(motions[robot.actuated], compute_uv=False)[-1]
     assert max(gains, key=gains.get) == chosen
@@ -456,7 +476,7 @@ def test_moments_that_rounding_made_impossible_are_repaired(tmp_path, moments, i
         return
     parsed = read(tmp_path, text, motors=["ja"])
     assert any("repaired in their last digit" in remark for remark in parsed.remarks) == bool(is_repaired)
-    inertia = parsed.urdf.find("link[@name='a']/inertial/inertia")
+    inertia = parsed.tree.links["a"].find("inertial/inertia")
     found = [float(inertia.get(key)) for key in ("ixx", "iyy", "izz")]
     assert found[2] <= (found[0] + found[1]) * (1 + 1e-12)
     for value, moment in zip(found, moments, strict=True):
@@ -592,7 +612,11 @@ def test_meshes_that_are_not_found_are_counted_in_one_line(tmp_path):
         (tmp_path / "here" / "meshes" / f"{name}.stl").write_text("solid")
     parsed = read(tmp_path, text, packages=[f"no_such_arm={tmp_path / 'here'}"])
     assert not [remark for remark in parsed.remarks if "mesh" in remark]
-    assert all(Path(mesh.get("filename")).is_file() for mesh in parsed.urdf.iter("mesh"))
+    assert all(
+        Path(mesh.get("filename")).is_file()
+        for link in parsed.tree.links.values()
+        for mesh in link.iter("mesh")
+    )
     with pytest.raises(RobotFileError, match="--package: needs NAME=FOLDER with a folder that exists"):
         read(tmp_path, text, packages=["no_such_arm=/no/such/folder"])
 

@@ -92,6 +92,21 @@ def test_a_cart_is_as_quick_as_its_rms_force_allows(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("ends", [(0.2, 0.0), (0.0, 0.2), (0.25, 0.1)])
+def test_a_cart_in_motion_is_as_quick_as_its_rms_force_allows(tmp_path, ends):
+    """From speed u to v over a way of 1 m in T the least integral of (dv/dt)^2 is that of linear forces."""
+    rms, (u, v) = 0.5, ends
+    robot = cart(tmp_path, f"torque_limit: {10 * FORCE}, rms_torque_limit: {rms}")
+    plan = plan_crossing(robot, Line([0.0], [1.0]), optimize="time", start_speed=u, end_speed=v)
+
+    def mean_square(T):
+        return 4.0 * MASS**2 * (3.0 - 3.0 * (u + v) * T + (u**2 + u * v + v**2) * T**2) / T**4
+
+    least = brentq(lambda T: mean_square(T) - rms**2, 0.5, 4.0)
+    assert least < plan.duration < 1.015 * least
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("flexibility", "reached"), [("rigid", 1e-3), ("flexible_links", 4e-3)])
 def test_the_quickest_law_reaches_the_curve_and_stays_within(flexibility, reached):
     robot = robots.load("five_bar", flexibility=flexibility)
