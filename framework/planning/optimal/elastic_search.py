@@ -71,9 +71,7 @@ MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflecte
 # inertia, and the least; factor after a failure
 FIRST_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.05, 0.4
 NEARLY_ALLOWED = 1.0 + PEAK_TORQUE_MISMATCH  # ratio to a limit, from which lower limits lead back
-MAX_FOLLOWED_REST = (
-    10.0  # motion of springs at the ends, over what counts as rest, from which laws may settle
-)
+MAX_FOLLOWED_REST = 10.0  # motion of springs at the ends (`measure_rest`) from which laws may settle
 PART_OF_GAIN = 0.25  # of what a law may gain over the last motion, for its smoothness
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
 WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 1e-2
@@ -182,11 +180,15 @@ class ElasticSearch:
         failure: NoAnswer | None = None  # the first one
         least_excess = np.inf
         former: tuple[Start, Best] | None = None
+        is_series = True  # whether z may be one series; lower caps leave no more of these
         for start in self.starts:
+            if start.degree is not None and not is_series:
+                continue
             try:
                 law = self._find_first_law(start, former and former[1])
             except (NoLaw, NotConverged) as reason:
-                if start.degree is not None:  # there may be a law of splines
+                if start.degree is not None:
+                    is_series = False
                     continue
                 failure = failure or reason
                 break
@@ -194,8 +196,9 @@ class ElasticSearch:
                 continue
             former = start, law
             is_found = False
+            deformed = self.task.follows_balance
             try:
-                for iterate in self._iterate(start, law):
+                for iterate in self._improve(law) if deformed else self._keep_limits(start, law):
                     least_excess = min(least_excess, iterate.excess)
                     if iterate.worst <= 1.0:
                         is_found = True
@@ -203,7 +206,7 @@ class ElasticSearch:
             except FAILURES as reason:
                 if isinstance(reason, SpringsTooSoft):
                     raise
-                if failure is None and self.task.follows_balance and not isinstance(reason, NoLaw):
+                if failure is None and deformed and not isinstance(reason, NoLaw):
                     self._check_ends()
                     self._check_softening(law)
                 failure = failure or reason
@@ -289,10 +292,6 @@ class ElasticSearch:
         return problem_of(task, self.points, places)._replace(sampled=self.sampled)
 
     # ------------------------------------------------------------------ motions
-
-    def _iterate(self, start: Start, law: Best) -> Iterator[Iterate]:
-        """Yield motions from a first law, each better than those before, or with less excess."""
-        return self._improve(law) if self.task.follows_balance else self._keep_limits(start, law)
 
     def _keep_limits(self, start: Start, law: Best) -> Iterator[Iterate]:
         """Yield motions with geometry rigid: of a law, and of others with limits lowered by the excess.
