@@ -68,8 +68,8 @@ SERIES_DEGREE = 40  # of z as one series
 MAX_STEPS, PATIENCE = 12, 4  # steps from one start, and those of them without a better motion
 MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflected robot is singular
 # share of z by which a law may differ from that about which torques are linear: at first if springs carry
-# inertia, and the least; factor after a failure
-FIRST_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.05, 0.4
+# inertia, to correct their motion at the ends, and the least; factor after a failure
+FIRST_TRUST, CORRECTION_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.1, 0.05, 0.4
 NEARLY_ALLOWED = 1.0 + PEAK_TORQUE_MISMATCH  # ratio to a limit, from which lower limits lead back
 MAX_FOLLOWED_REST = 10.0  # motion of springs at the ends (`measure_rest`) from which laws may settle
 PART_OF_GAIN = 0.25  # of what a law may gain over the last motion, for its smoothness
@@ -258,22 +258,29 @@ class ElasticSearch:
             problem = problem._replace(max_squared_speed=start.max_squared_speed / duration**2)
         return solve_problem(problem, share=start.share, similar=similar)
 
-    def _find_next_law(self, about: Iterate, trust: float, share: float) -> Best:
+    def _find_next_law(self, about: Iterate, trust: float, share: float, *, is_known: bool) -> Best:
         """Find the best law near a motion in balance, with torques linear in the law.
+
+        A motion that is not allowed is corrected first, nearby and at the same cost. One that is nearly
+        allowed is corrected only after a failure.
 
         Args:
             trust: share of z by which the law may differ.
             share: of the limits that may be used.
+            is_known: whether a motion near this one is allowed, or nearly.
         """
         best = about.motion.best
         places = [crossing.s for crossing in about.motion.dynamics.crossings]
         problem = self._problem(share, places, is_explained=False)
         if problem.averages_open_duration:
             problem = problem._replace(average_over=suggest_time(best))
+        is_corrected = about.worst > (NEARLY_ALLOWED if trust >= FIRST_TRUST else 1.0)
+        if is_corrected and is_known and about.response.holds_rest:
+            trust = min(trust, CORRECTION_TRUST)
         degree = len(about.response.y) - 1
         problem = problem._replace(response=about.response, degree=degree, trust=trust)
         goal = problem.specification.goal
-        part = PART_OF_GAIN if about.worst <= NEARLY_ALLOWED else 1.0
+        part = 1.0 if is_corrected else PART_OF_GAIN
         return solve_problem(problem, similar=best, former_cost=about.motion.cost(goal), part=part)
 
     def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:
@@ -335,7 +342,7 @@ class ElasticSearch:
                 return
             idle_steps += 1
             try:
-                law = self._find_next_law(about, trust, share)
+                law = self._find_next_law(about, trust, share, is_known=base is not None)
                 if best is not None and law.cost >= (1.0 - WORTHWHILE_GAIN) * best.motion.cost(goal):
                     return
                 new = self._balance_law(law, about)
