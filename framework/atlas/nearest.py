@@ -42,7 +42,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
-from framework.numerics.ordered_sums import singular_values
+from framework.numerics.ordered_sums import least_singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient, uncontrolled_motion
@@ -275,7 +275,7 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _
     """
     max_starts = 8
     ends = _locate_ends(centre, crossed)
-    is_singular = _least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
+    is_singular = least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
     candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), max_starts))]
     candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
     within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
@@ -289,13 +289,8 @@ def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
     """
     ends = _locate_ends(centre, ended)
     matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q))
-    is_type_1 = _least_singular_values(matrices) < TYPE_1_END
+    is_type_1 = least_singular_values(matrices) < TYPE_1_END
     return float(ends.distance[is_type_1].min(initial=np.inf))
-
-
-def _least_singular_values(matrices: Array) -> Array:
-    """Compute the least singular values (K,) of square matrices (K, s, s)."""
-    return singular_values(matrices)[:, -1]
 
 
 def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:

@@ -36,6 +36,7 @@ from framework.tolerances import AT_REST
 # ------------------------------------------------------------------ the closed loop
 
 
+MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
 # [s] steps of the simulation of robots with springs: one step of 1 ms takes 7 % of the amplitude of a
 # vibration of 139 Hz, four take 0.2 %
@@ -145,8 +146,9 @@ def run_closed_loop(
             break
 
         q, v = robots.step(k, q, v, torques[k])
-        has_diverged = _have_diverged(ref, q, v)
-        lost = np.where(has_diverged, np.minimum(lost, ref.times[k + 1]), lost)
+        is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale  # false for NaN
+        is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
+        lost = np.where(is_valid, lost, np.minimum(lost, ref.times[k + 1]))
         # runs that are lost wait at their start, as NaN in one run would spoil the stacked solution of all
         is_running = np.isinf(lost)[:, None]
         q = np.where(is_running, q, robots.start.q)
@@ -205,18 +207,6 @@ def _judge(
         x=np.where(was_running_at_check[:, :, None], x, np.nan),
         torque=torque,
     )
-
-
-def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
-    """Return a mask (R,) of the runs with joints that are not finite or too fast.
-
-    q (R, nq) and v (R, nv) are the configurations and the joint rates of the runs.
-    """
-    # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
-    max_joint_step = 3.0
-    is_slow = np.abs(v) * ref.period < max_joint_step * ref.robot.column_scale  # false for NaN
-    is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
-    return np.asarray(~is_valid)
 
 
 class _VariedRobots(NamedTuple):

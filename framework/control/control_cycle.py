@@ -402,10 +402,11 @@ class SinglePose:
         self.robot = robot
         self.rows = rows
         self.scratch = scratch
-        # (3, F, 4, 4) three axes and the origin of each frame, their velocities and their accelerations
-        self._motion = np.zeros((3, frames, 4, 4))
-        self._motion[0, :, 3, 3] = 1.0
-        self._placements = self._motion[0, :, :, :3]
+        # (F, 4, 12) rows of each frame, with their velocities and accelerations behind them
+        self._motion = np.zeros((frames, 4, 12))
+        self._motion[:, 3, 3] = 1.0
+        self._placements = self._motion[..., :3]
+        self._all_rows = self._motion.reshape(-1, 12)  # (4 F, 12)
         # in `row_factors` of unit vectors: entry k of each of the vectors is the selector's column k
         units = np.repeat(np.eye(4 * frames).reshape(-1, frames, 4, 1), 3, axis=3)
         a, b = row_factors(rows, units)  # (4 F, m, 3) each
@@ -456,24 +457,21 @@ class SinglePose:
         pin.computeForwardKinematicsDerivatives(self.model, scratch.data, q, v, self._no_acceleration)
         pin.updateFramePlacements(self.model, scratch.data)
         self._update_frames()
-        # (2, F, 6) twists of the frames' bodies, and their rates without joint accelerations
-        twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        self._twists = (twists @ TWIST_ROWS).reshape(2, -1, 4, 4)
-        np.matmul(self._motion[0], self._twists[0], out=self._motion[1])
+        # (2, F, 6) rates of the twists of the frames' bodies without joint accelerations, and the twists
+        twists = np.array([scratch.accelerations, scratch.velocities]).take(scratch.bodies, axis=1)
+        self._twists = (twists.swapaxes(0, 1) @ TWIST_ROWS).reshape(-1, 8, 4)
+        self._motion[..., 4:8] = self._motion[..., :4] @ self._twists[:, 4:]
 
     def drift(self, q: Array, v: Array) -> Array:
         """Compute the drift dJ/dt v (m,) of the loop equations at the q, v of `evaluate_motion`.
 
-        The second derivative of (c, 1) has the rate of the twist's matrix, and the matrix times (c', 0).
+        With the matrix V of a twist, (c, 1)' = (c, 1) V and (c, 1)" = (c, 1) V' + (c, 1)' V.
         """
-        points, velocities, accelerations = self._motion
-        turn, turn_rate = self._twists
-        np.matmul(points, turn_rate, out=accelerations)
-        accelerations += velocities @ turn
-        factors = self._selector @ self._motion.reshape(3, -1, 4)  # (3, 3 m, 4)
-        a, b, _arms = factors.reshape(3, 3, -1, 4).swapaxes(0, 1)  # (3, m, 4) and two derivatives
+        self._motion[..., 8:] = self._motion[..., :8] @ self._twists
+        factors = self._selector @ self._all_rows  # (3 m, 12)
+        a, b, _arms = factors.reshape(3, -1, 3, 4)  # (m, 3, 4) vectors with two derivatives
         # (a . b)" = a . b" + 2 a' . b' + a" . b
-        drift: Array = SECOND_DERIVATIVE @ np.vecdot(a, b[::-1]) * self.rows.weight
+        drift: Array = np.vecdot(a, b[:, ::-1]) @ SECOND_DERIVATIVE * self.rows.weight
         if self.rows.has_couplings:
             drift[self.rows.coupled] = coupling_drift(self.rows, q[None], v[None])[0]
         return drift
@@ -484,8 +482,8 @@ class SinglePose:
 
     def platform_motion(self) -> tuple[Array, Array]:
         """Return position and velocity (3,) of the platform's origin at the last `evaluate_motion`."""
-        position, velocity, _acceleration = self._motion[:, 0, 3, :3]
-        return position, velocity
+        origin = self._motion[0, 3]
+        return origin[:3], origin[4:7]
 
     def platform_turning(self) -> Array:
         """Return the angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""
@@ -502,7 +500,7 @@ class SinglePose:
         The residual of a loop equation is weight a . b - constant.
         """
         rows = self.rows
-        factors = self._selector @ self._motion[0].reshape(-1, 4)  # (3 m, 4)
+        factors = self._selector @ self._all_rows[:, :4]  # (3 m, 4)
         a, b, arms = factors.reshape(3, -1, 4)[..., :3]  # (m, 3) each
         np.vecdot(a, b, out=self.residual)
         if not rows.only_translations:  # translations have the weight 1 and the constant 0

@@ -134,16 +134,9 @@ def linearise_variants(
         of_springs = dict(zip(robot.elastic_names, stiffness / robot.stiffness, strict=True))
         factors = [of_springs.get(name.removeprefix("spring "), 1.0) for name in names]
         like = like or (models[0] if models else None)
-        choice = like.choice if like else _choose_on_path(reference, varied, changes)
+        choice = like.choice if like else _choose_coordinates(reference, varied, changes)
         models.append(_reduce(reference, disturbances, names, varied, forces * factors, changes, choice))
     return models
-
-
-def _choose_on_path(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
-    """Choose the coordinates at CHOICE_INSTANTS of the plan, see `_choose_coordinates`."""
-    spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
-    at_some = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
-    return _choose_coordinates(reference, E[:, spread], at_some)
 
 
 def _reduce(
@@ -164,8 +157,7 @@ def _reduce(
     f = equations.V.swapaxes(1, 2) @ forces  # on w
     L_f = np.linalg.solve(equations.K[:, b[:, None], b], f[:, b])
     f_h = f[:, h] - equations.K[:, h[:, None], b] @ L_f
-    A, B = _state_equations(condensed, f_h)
-    F, G = _discretise(A, B, reference.period)
+    A, B, F, G = _state_equations(condensed, f_h, reference.period)
 
     # joints by z: w = (h, l) by z, y = V w, dq = T y
     m = len(h)
@@ -189,28 +181,27 @@ def _reduce(
     )
 
 
-def _state_equations(condensed: _Condensed, f_h: Array) -> tuple[Array, Array]:
-    """Return A (K, N, N) and B (K, N, n_a) of z = (h, h', theta), for forces f_h (K, m, p) of theta."""
-    count, m, n_a = condensed.B.shape
-    inverse = np.linalg.inv(condensed.M)
-    N = 2 * m + f_h.shape[2]
-    A, B = np.zeros((count, N, N)), np.zeros((count, N, n_a))
-    A[:, :m, m : 2 * m] = np.eye(m)
-    A[:, m : 2 * m] = inverse @ np.concatenate([-condensed.K, -condensed.D, f_h], axis=2)
-    B[:, m : 2 * m] = inverse @ condensed.B
-    return A, B
+def _state_equations(condensed: _Condensed, f_h: Array, period: float) -> tuple[Array, Array, Array, Array]:
+    """Return A, B, F and G of z = (h, h', theta), for forces f_h (K, m, p) of theta.
 
-
-def _discretise(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """Return F (K, N, N) and G (K, N, n_a) of one period, with A and B in its middle and constant torque."""
+    F (K, N, N) and G (K, N, n_a) advance z by one period, with A and B in its middle and constant torque.
+    They are parts of the exponential of [A, B; 0, 0].
+    """
     from scipy.linalg import expm
 
-    count, N, n_a = B.shape
+    count, m, n_a = condensed.B.shape
+    N = 2 * m + f_h.shape[2]
+    inverse = np.linalg.inv(condensed.M)
     generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
-    generator[:, :N] = np.concatenate([A, B], axis=2)
+    generator[:, :m, m : 2 * m] = np.eye(m)
+    by_state_and_torque = np.concatenate([-condensed.K, -condensed.D, f_h, condensed.B], axis=2)
+    generator[:, m : 2 * m] = inverse @ by_state_and_torque
     middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])
     transition = expm(middle * period)
-    return transition[:, :N, :N], transition[:, :N, N:]
+    parts = (generator, transition)
+    A, F = (matrix[:, :N, :N] for matrix in parts)
+    B, G = (matrix[:, :N, N:] for matrix in parts)
+    return A, B, F, G
 
 
 def _transform(
@@ -277,7 +268,7 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
 
 
 def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
-    """Choose the coordinates w, and which are in static balance, from T instants.
+    """Choose the coordinates w, and which are in static balance, at CHOICE_INSTANTS of the plan.
 
     At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
     other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
@@ -286,6 +277,9 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     """
     robot = reference.robot
     n, d = robot.n, robot.n + robot.n_e
+    spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
+    E = E[:, spread]
+    changes = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
     largest = (2 * np.pi * MAX_MODE_SHARE / reference.period) ** 2  # square of a frequency [rad^2/s^2]
     motors, others = _motors_of_springs(robot, changes)
     fast: set[int] = set()  # deflections in static balance whatever their own frequency

@@ -22,7 +22,6 @@ from framework.control.linear_model import LinearModel, linearise_plan, linearis
 from framework.control.reference import Reference
 from framework.control.regulators import (
     UNIFORM,
-    Filter,
     Regulator,
     Tuning,
     Weights,
@@ -110,14 +109,10 @@ class LinearModels(NamedTuple):
         for tuned, prediction in self.tuned.values():
             if tuned is controller:
                 return prediction
-        if isinstance(controller, FeedforwardPD) and not controller.integral:
-            feedback, plants = self._feedback_of_motors(controller, loop)
-        elif isinstance(controller, Regulator) and controller.filter is not None:
-            feedback, plants = self._feedback_of_filter(controller, controller.filter)
-        elif isinstance(controller, Regulator) and sensors_of(self.reference.robot, loop).state:
-            feedback, plants = self._feedback_of_state(controller)
-        else:
+        closed = self._close_loop(controller, loop)
+        if closed is None:
             return None
+        feedback, plants = closed
         count = len(self.within)
         platform, torque, load = self._largest(loop, feedback, plants[0], plants[:count], noise=True)
         prediction = LoopPrediction(name, loop.sensors, *(float(x.max()) for x in (platform, torque, load)))
@@ -149,33 +144,32 @@ class LinearModels(NamedTuple):
             (deviation.torque / left).max(axis=(1, 2)),
         )
 
-    def _feedback_of_motors(
-        self, controller: FeedforwardPD, loop: ControlLoop
-    ) -> tuple[Feedback, list[Plant]]:
-        """Return the feedback of motors' angles and speeds, and the robots."""
-        gain = motor_gains(self.reference, self.within[0], controller.feedback)
-        delay = loop.delayed_periods(self.reference.period)
-        plants = [Plant.of(model) for model in (*self.within, *self.ends)]
-        return Feedback(gain, delay, observer=None, predicts=False), plants
-
-    def _feedback_of_filter(self, controller: Regulator, own: Filter) -> tuple[Feedback, list[Plant]]:
-        """Return the feedback of estimates, and the robots with their readings."""
-        feedback = Feedback(
-            controller.gain, controller.delay, Observer(own.gain, own.deviation), predicts=True
-        )
-        n = self.reference.robot.n
-        models = (*self.within, *self.ends)
-        return feedback, [Plant(one.F, one.G, *reading_rows(one, own.sensors, n)) for one in models]
-
-    def _feedback_of_state(self, controller: Regulator) -> tuple[Feedback, list[Plant]]:
-        """Return the feedback of the exact state h and h'; disturbances are not estimated."""
-        count, n_a, states = controller.gain.shape
-        N = self.within[0].A.shape[1]
-        C = np.broadcast_to(np.eye(states, N), (count, states, N))
-        observer = Observer(C.swapaxes(1, 2), np.zeros(states))
-        gain = np.concatenate([controller.gain, np.zeros((count, n_a, N - states))], axis=2)
-        D = np.zeros((count, states, n_a))
-        plants = [Plant(model.F, model.G, C, D) for model in (*self.within, *self.ends)]
+    def _close_loop(self, controller: Controller, loop: ControlLoop) -> tuple[Feedback, list[Plant]] | None:
+        """Return the feedback of a controller, and the robots with its readings; None unless linear."""
+        robot, models = self.reference.robot, (*self.within, *self.ends)
+        if (
+            isinstance(controller, FeedforwardPD) and not controller.integral
+        ):  # of angles and speeds of motors
+            gain = motor_gains(self.reference, models[0], controller.feedback)
+            delay = loop.delayed_periods(self.reference.period)
+            return Feedback(gain, delay, None, predicts=False), [Plant.of(model) for model in models]
+        if not isinstance(controller, Regulator):
+            return None
+        gain = controller.gain
+        if controller.filter is not None:  # of estimates
+            own = controller.filter
+            observer = Observer(own.gain, own.deviation)
+            readings = [reading_rows(model, own.sensors, robot.n) for model in models]
+        elif sensors_of(robot, loop).state:  # of the exact h and h'; disturbances are not estimated
+            count, n_a, states = gain.shape
+            N = models[0].A.shape[1]
+            C = np.broadcast_to(np.eye(states, N), (count, states, N))
+            observer = Observer(C.swapaxes(1, 2), np.zeros(states))
+            gain = np.concatenate([gain, np.zeros((count, n_a, N - states))], axis=2)
+            readings = [(C, np.zeros((count, states, n_a)))] * len(models)
+        else:
+            return None
+        plants = [Plant(model.F, model.G, *rows) for model, rows in zip(models, readings, strict=True)]
         return Feedback(gain, controller.delay, observer, predicts=True), plants
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:

@@ -35,7 +35,7 @@ from framework.dynamics.instant import (
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, require_closed_rates
-from framework.kinematics.motion_rates import Motion, MotionChanges, coordinate_changes, platform_twists
+from framework.kinematics.motion_rates import Motion, coordinate_changes, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
@@ -174,8 +174,18 @@ def forward_derivatives(
     joint_torque = np.atleast_2d(instant.joint_torque)
     force_change = driven_force_changes(robot, motion, instant._forces, joint_torque, changes)
     d = robot.n + robot.n_e  # coordinates y; the other steps are those of idle joints
-    slopes = _acceleration_slopes(robot, changes, force_change, d)
-    motor_slopes = _motor_slopes(robot, changes, slopes, d)
+
+    # derivatives of y" and of idle joints' accelerations by y, dy and torque, (T, k, d or n_a) each
+    motions = changes.q  # (T, k, nv) joint rates for unit rates
+    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # (T, k, k) each
+    by_torque = robot.gear_ratio * motions[..., robot.actuated]
+    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)
+    slopes = [np.linalg.solve(inertia, right_side) for right_side in right_sides]
+    # those of the motors' accelerations: partial derivatives, and by the chain rule those by y"
+    motor_by_y, motor_by_dy, motor_by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)
+    motor_slopes = [motor_by_ddy @ slope for slope in slopes]  # (T, n_a, d or n_a) each
+    motor_slopes[0] += motor_by_y[..., :d]
+    motor_slopes[1] += motor_by_dy[..., :d]
     fields = (  # in the order of ForwardDerivatives, for all T states
         np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1),
         *(slope[:, :d] for slope in slopes),  # without idle joints
@@ -183,44 +193,6 @@ def forward_derivatives(
         *motor_slopes,
     )
     return ForwardDerivatives(*(stack[entry_of(q)] for stack in fields))
-
-
-def _acceleration_slopes(
-    robot: ParallelRobot, changes: MotionChanges, force_change: Array, d: int
-) -> list[Array]:
-    """Compute the derivatives (T, k, d or n_a) of k accelerations by y, dy and torque.
-
-    The k accelerations are y" and those of the idle joints.
-
-    Args:
-        changes: changes of the motion by unit steps of y and of the idle joints.
-        force_change: changes (3, T, k, nv) of the generalised forces by unit steps of k positions, rates and
-            accelerations.
-        d: number of coordinates y.
-    """
-    motions = changes.q  # (T, k, nv) joint rates for unit rates
-    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # (T, k, k) each
-    by_torque = robot.gear_ratio * motions[..., robot.actuated]
-    right_sides = (-by_y[..., :d], -by_dy[..., :d], by_torque)  # without steps of idle joints
-    return [np.linalg.solve(inertia, right_side) for right_side in right_sides]
-
-
-def _motor_slopes(robot: ParallelRobot, changes: MotionChanges, slopes: list[Array], d: int) -> list[Array]:
-    """Compute the derivatives (T, n_a, d or n_a) of motor accelerations by y, dy and torque.
-
-    By the chain rule they are the partial derivatives by y and dy, plus the partial derivatives by y" times
-    the derivatives `slopes` of y".
-
-    Args:
-        changes: changes of the motion by unit steps of y and of the idle joints.
-        slopes: the result of `_acceleration_slopes`.
-        d: number of coordinates y.
-    """
-    by_y, by_dy, by_ddy = changes.accelerations[..., robot.actuated].swapaxes(2, 3)  # (T, n_a, k) each
-    motor_slopes = [by_ddy @ slope for slope in slopes]
-    motor_slopes[0] += by_y[..., :d]  # the derivative by y
-    motor_slopes[1] += by_dy[..., :d]  # the derivative by dy
-    return motor_slopes
 
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:

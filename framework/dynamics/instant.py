@@ -284,31 +284,18 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     scale = robot.column_scale[columns]
     lengths = robot.row_lengths
     scaled_jacobian = jacobian * scale / lengths[:, None]
-    multipliers, null_space = _least_multipliers(scaled_jacobian, loop_forces * scale)
-    displacement = position - frames.position[:, rows.first]
-    return LoopLoads(wrench, position, displacement, multipliers / lengths, null_space / lengths)
-
-
-def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
-    """Solve J' lambda = forces (T, f) for lambda (T, rows) of least norm; span the null space.
-
-    With the singular value decomposition J = U S V', lambda = U S^-1 V' forces over the nonzero singular
-    values. The other columns of U span the null space of J'.
-
-    Args:
-        J: (T, rows, f).
-
-    Returns:
-        lambda (T, rows), and an array (T, rows, rows) whose nonzero rows span the null space of J'.
-    """
-    U, singular_values, V_rows = np.linalg.svd(J)
+    # With J = U S V', lambda = U S^-1 V' forces over the nonzero singular values; the other columns of U span
+    # the null space of J'.
+    U, singular_values, V_rows = np.linalg.svd(scaled_jacobian)
     count = singular_values.shape[1]
     is_nonzero = singular_values > RANK_ROUNDING * singular_values.max(axis=1, initial=0.0)[:, None]
     divisors = np.where(is_nonzero, singular_values, np.inf)  # zero singular values contribute nothing
-    components = matvec(V_rows[:, :count], forces) / divisors
-    null_space = U.swapaxes(1, 2).copy()
+    components = matvec(V_rows[:, :count], loop_forces * scale) / divisors
+    multipliers = matvec(U[:, :, :count], components)  # (T, rows)
+    null_space = U.swapaxes(1, 2).copy()  # (T, rows, rows)
     null_space[:, :count] *= ~is_nonzero[:, :, None]  # keeps the columns of U with zero singular values
-    return matvec(U[:, :, :count], components), null_space
+    displacement = position - frames.position[:, rows.first]
+    return LoopLoads(wrench, position, displacement, multipliers / lengths, null_space / lengths)
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:

@@ -403,12 +403,13 @@ class _Refinement:
         offsets = difference(robot, branch.origin, q)
         # (T, nv) coordinates of all joints, counted from the neutral configuration
         joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
+        motor_speeds = np.abs(robot.gear_ratio * motion.v[:, robot.actuated])
         certificate = Certificate(
             nodes=len(grid.times),
             tail=_largest_tail(robot, grid, solution, torques),
             passes=self.passes,
             change=solution.change,
-            end_speed=_end_speed(robot, motion.v),
+            end_speed=float(motor_speeds[[0, -1]].max(initial=0.0) / (motor_speeds.max(initial=0.0) or 1.0)),
             monotone=bool(np.all(np.diff(s) > -1e-14)),  # but for rounding of s
         )
         result = InverseDynamics(
@@ -530,17 +531,6 @@ def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques:
         return torque_tail
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
     return max(torque_tail, _tail_above_rounding(grid.fit(solution.caused), deflection_rounding))
-
-
-def _end_speed(robot: ParallelRobot, v: Array) -> float:
-    """Compute the largest motor speed at both ends, relative to the largest of the motion.
-
-    `v` (T, nv) are the joint rates.
-    """
-    speeds = np.abs(robot.gear_ratio * v[:, robot.actuated])
-    peak = speeds.max(initial=0.0)
-    at_ends = speeds[[0, -1]].max(initial=0.0)
-    return float(at_ends / peak) if peak > 0 else 0.0
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

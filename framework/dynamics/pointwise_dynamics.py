@@ -73,6 +73,7 @@ from framework.kinematics.motion_rates import (
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import PANEL_NODES, TimeGrid, coefficients, evaluate, tail
+from framework.numerics.ordered_sums import matvec
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
@@ -445,9 +446,15 @@ def dynamics_derivatives(
     accelerations = changes.accelerations[..., robot.actuated]
     slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
-        slopes[0, ..., : robot.n] += _redundant_torque_changes(
-            robot, motion, prescribed.x, speeds, joint_torque
-        )
+        # dG k: torques t = G k of least norm are computed like the motors' speeds at the rates k of x, and
+        # change like these speeds at constant rates
+        inverse = np.asarray(np.linalg.pinv(speeds.swapaxes(1, 2)), dtype=float)
+        k = matvec(inverse, joint_torque / robot.gear_ratio)
+        at_rest = np.zeros_like(k)
+        at_k = motion_at(robot, ClosedStack(motion.q, prescribed.x, motion.linearised), k, at_rest)
+        at_k_changes = coordinate_changes(robot, at_k, robot.structure.idle, (prescribed.x, k, at_rest))
+        speed_changes = robot.gear_ratio * at_k_changes.v[:, : robot.n, robot.actuated]
+        slopes[0, ..., : robot.n] += speed_changes.swapaxes(1, 2)
     # the motors balance the other part of the wrench T' d(r + rotors - J' lambda) on the platform
     force_change = driven_force_changes(robot, motion, r, joint_torque, changes).swapaxes(2, 3)
     slopes += least_motor_torques(robot, speeds, motions @ force_change - speeds @ slopes)
@@ -461,25 +468,3 @@ def dynamics_derivatives(
         _robot=robot,
         _motion=motion,
     )
-
-
-def _redundant_torque_changes(
-    robot: ParallelRobot, motion: Motion, x: Array, speeds: Array, joint_torque: Array
-) -> Array:
-    """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n), at constant k.
-
-    The torques t = G k of least norm are computed like the motors' speeds at the rates k of x. So dG k is the
-    change of these speeds at constant rates.
-
-    Args:
-        motion: the motion at the T instants, of which only the positions count.
-        x: platform coordinates.
-        speeds: G' (T, n, n_a).
-        joint_torque: torques (T, n_a) on the joint side, without those of the rotors.
-    """
-    torque = joint_torque / robot.gear_ratio
-    k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ torque[..., None])[..., 0]
-    at_rest = np.zeros_like(k)
-    motion_at_k = motion_at(robot, ClosedStack(motion.q, x, motion.linearised), k, at_rest)
-    changes = coordinate_changes(robot, motion_at_k, robot.structure.idle, (x, k, at_rest))
-    return (robot.gear_ratio * changes.v[:, : robot.n, robot.actuated]).swapaxes(1, 2)

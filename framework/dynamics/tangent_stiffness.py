@@ -125,25 +125,18 @@ def tangent_stiffness(
     scaled_forces = forces[:, columns] * robot.column_scale[columns]
     Q, R, _null = factor_transposed(J)
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
-    stiffness = _gravity_stiffness(robot, q) * load.share[:, None, None]
+    data = scratch_of(robot).data
+    of_weight = np.array([pin.computeGeneralizedGravityDerivatives(robot.model, data, row) for row in q])
+    slopes = load.share[:, None, None] * of_weight  # of the joint forces of weight, (T, nv, nv)
     if robot.line_springs.names:
-        of_lines = Lines.of(robot, linearised.frames).force_slope()
-        stiffness += 0.5 * (of_lines + of_lines.swapaxes(1, 2))  # not symmetric on balls, like gravity's
+        slopes += Lines.of(robot, linearised.frames).force_slope()
+    # second derivatives of potentials are the symmetric part: turns about different axes of a ball do not
+    # commute
+    stiffness = 0.5 * (slopes + slopes.swapaxes(1, 2))
     between_joints = stiffness[:, columns[:, None], columns]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(between_joints, steps)
     curvature = _curvature(robot, linearised, steps, multipliers, load)
     return matmul(steps.swapaxes(1, 2), force_changes) - curvature
-
-
-def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the second derivative (T, nv, nv) [N m] of the potential of weight by q (T, nq).
-
-    It is the symmetric part of the derivative of the joint forces of weight. The derivative itself is not
-    symmetric on ball joints, because turns about different axes do not commute.
-    """
-    data = scratch_of(robot).data
-    derivative = np.array([pin.computeGeneralizedGravityDerivatives(robot.model, data, row) for row in q])
-    return 0.5 * (derivative + derivative.swapaxes(1, 2))
 
 
 def _curvature(

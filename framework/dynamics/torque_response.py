@@ -84,8 +84,13 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     series_by_y, scalar_slopes = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = torque_per_term @ terms[..., None]
-    by_deflections = _torques_of_deflections(equations.branch.robot, state, series_by_y)
-    slopes = torque_per_term @ terms_by_y + by_deflections
+    # (T, n_a, n) by the changes of the deflections, their rates and their accelerations
+    by_springs = _torque_slopes_by_springs(equations.branch.robot, state.balance)
+    by_each_order = [
+        slope @ state.splines.combine(basis, series_by_y)
+        for slope, basis in zip(by_springs, state.samples.bases, strict=True)
+    ]
+    slopes = torque_per_term @ terms_by_y + np.sum(by_each_order, axis=0)
     # torque, slopes and speed, in the order of the fields
     functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, speed)]
     return TorqueResponse(clock.law.coefficients, scalar_slopes, series_by_y, rest, *functions)
@@ -128,20 +133,6 @@ def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
     root_by_y = z_by_y / (2.0 * root)[:, None]
     values = np.stack([np.ones_like(z), z, u, root], axis=1)
     return values, np.stack([0.0 * z_by_y, z_by_y, u_by_y, root_by_y], axis=1)
-
-
-def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
-    """Compute changes (T, n_a, n) [N m] of torques by changes of deflections.
-
-    Args:
-        state: the balance about which torques are linearised.
-        series: (size, n_e, n) changes of the coefficients of the deflections' splines.
-    """
-    slopes = _torque_slopes_by_springs(robot, state.balance)
-    torque = np.zeros((*slopes[0].shape[:2], series.shape[2]))
-    for slope, basis in zip(slopes, state.samples.bases, strict=True):  # value, rate, acceleration
-        torque += slope @ state.splines.combine(basis, series)
-    return torque
 
 
 def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tuple[Array, Array, Array]:

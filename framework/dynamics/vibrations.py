@@ -25,7 +25,7 @@ from framework.dynamics.stiffness import (
 )
 from framework.errors import InvalidInput, real_numbers
 from framework.kinematics.line_springs import Lines
-from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
+from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import not_negative
@@ -91,7 +91,10 @@ def platform_vibrations(
     if frequency.ndim > 1 or not (np.isfinite(frequency) & (frequency > 0.0)).all():
         raise InvalidInput(f"frequencies: needs numbers above 0 [Hz], got {frequencies!r}")
     not_negative("loss", loss)
-    damping = _damping(robot, linearised, free, columns)
+    damping = np.diag(robot.joint_damping)  # of joints and between points
+    if robot.line_springs.names:
+        damping = damping + Lines.of(robot, linearised.frames).damping
+    damping = free.Z.swapaxes(1, 2) @ damping[..., columns[:, None], columns] @ free.Z  # (T, d, d)
     response = _frequency_response(robot, free, damping, frequency, loss)
     return Vibrations(robot, natural, resonances, stiffness, softest, frequency, response)
 
@@ -120,14 +123,3 @@ def _frequency_response(
         ) from None
     response: Array = free.X[:, None] @ motion
     return response
-
-
-def _damping(
-    robot: ParallelRobot, linearised: LinearisedLoops, free: CompliantMotions, columns: Array
-) -> Array:
-    """Compute the damping (T, d, d) of joints and between points along free motions of `columns` (f,)."""
-    damping = np.diag(robot.joint_damping)
-    if robot.line_springs.names:
-        damping = damping + Lines.of(robot, linearised.frames).damping
-    of_columns = damping[..., columns[:, None], columns]
-    return free.Z.swapaxes(1, 2) @ of_columns @ free.Z

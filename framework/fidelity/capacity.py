@@ -3,11 +3,12 @@
 The load is a multiple m of the external wrenches of a request. Torques and condition (8) of a rigid robot are
 linear in m and in the squared speed z of a law (`planning.optimal`). So the admissible pairs (m, z) form a
 convex set, and the multiples that admit a law of free shape form an interval. Bisection brackets the upper
-end of the interval between a multiple with a certified plan and a multiple that is refused or undecided.
+end of the interval between a multiple with a certified plan and a multiple that is refused or undecided. It
+begins where the lower bound on the peaks of all laws (`peak_bound`) reaches the limits, if there is one.
 
 A refusal for lack of a law proves nothing, since the search may have missed one. So larger and larger
-multiples are tried until a lower bound on the peaks of all laws (`peak_bound`) exceeds the limits. For
-elastic robots and polynomials there is no such proof.
+multiples are tried until that bound exceeds the limits. For elastic robots and polynomials there is no such
+proof.
 """
 
 from __future__ import annotations
@@ -21,19 +22,21 @@ import numpy as np
 from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Path
+from framework.numerics.arrays import LEAST_DIVISOR
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.peak_bound import find_refuting_bound
+from framework.planning.optimal.peak_bound import bound_peak
 from framework.planning.options import takes_options
 from framework.planning.plan import plan_request
 from framework.planning.refusals import SearchEvidence
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, search_path
-from framework.tolerances import LIMIT_MARGIN
+from framework.tolerances import BOUND_MARGIN, LIMIT_MARGIN
 
 # Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
 BRACKET_RATIO = 2.0 * LIMIT_MARGIN
+MAX_MULTIPLE = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +153,16 @@ class _Multiples:
         wrenches = self.request.external_wrenches.times(multiple)
         return replace(self.request, wrenches=wrenches.document or None)
 
-    def is_impossible(self, multiple: float) -> bool:
-        """Return whether a bound on the peaks of all laws exceeds the limits under a multiple."""
+    def bound_peaks(self, multiple: float) -> float:
+        """Compute a bound on the peaks of all laws over the limits under a multiple; 0 if none is known."""
         request = self._request(multiple)
         try:
             to_cross = path_to_cross(self.searched, request)
         except NoAnswer:
-            return False
-        return find_refuting_bound(Task(to_cross, request, specification_of(self.robot, request))) is not None
+            return 0.0
+        specification = specification_of(self.robot, request)
+        bound = bound_peak(Task(to_cross, request, specification), specification.torque_limit)
+        return 0.0 if bound is None else bound.value
 
     def try_multiple(self, capacity: Capacity, multiple: float) -> Capacity:
         """Plan under a multiple; return the capacity updated by the outcome."""
@@ -172,30 +177,50 @@ class _Multiples:
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
-    From 1 on the multiple is doubled while it has plans, or halved while it has none. Then the bracket from
-    the largest multiple with a plan, `multiple`, to the least one without, `end`, is narrowed by secants of
-    the least peaks of refused multiples, or where they do not serve bisected at geometric means.
+    From 1 on, or from where a bound meets the limits, the multiple is doubled while it has plans. Then the
+    bracket from the largest multiple with a plan, `multiple`, to the least one without, `end`, is narrowed by
+    secants of the least peaks of refused multiples. Where they do not serve, it is bisected at geometric
+    means, or halved while no multiple has a plan.
 
     Args:
         capacity: that of the multiple 0, with its plan.
     """
-    max_multiple = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
     multiple = 1.0
     peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
-    while 1.0 / max_multiple <= multiple <= max_multiple:
+    bound = _bound_end(task)
+    if bound is not None:
+        end, slope = bound
+        peaks.append((2.0 * end, 1.0 + slope * end))  # where the bound refuses
+        multiple = 1.05 * end  # clearly refused: beside the end searches are long
+    while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
         capacity = task.try_multiple(capacity, multiple)
         evidence = getattr(capacity.refusal, "evidence", None)
         if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
             peaks.append((multiple, evidence.least.torque_peak or 0.0))
         if capacity.end == np.inf:  # all multiples so far have plans
             multiple = 2.0 * capacity.multiple
-        elif capacity.multiple == 0.0:  # none has
-            multiple = 0.5 * capacity.end
         elif (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
             multiple = _narrow_bracket(capacity, peaks)
         else:
             break
     return capacity
+
+
+def _bound_end(task: _Multiples) -> tuple[float, float] | None:
+    """Find the multiple at which a bound on the peaks of all laws meets the limits, and the bound's slope.
+
+    The bound is nearly linear in the multiple, so that two or three secants suffice. None without a bound.
+    """
+    last, last_peak, multiple = 0.0, 0.0, 1.0  # unloaded, a slow motion may take no torque
+    for _ in range(5):
+        peak = task.bound_peaks(multiple)
+        slope = (peak - last_peak) / (multiple - last)
+        if abs(peak - 1.0) < LIMIT_MARGIN:
+            return multiple, slope
+        last, last_peak, multiple = multiple, peak, multiple + (1.0 - peak) / max(slope, LEAST_DIVISOR)
+        if not 0.0 < multiple < MAX_MULTIPLE:  # also without a bound
+            break
+    return None
 
 
 def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
@@ -204,12 +229,12 @@ def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) ->
     The least peak is convex in the multiple, so its secant through two refused multiples meets the limit at
     or above the capacity. A multiple just below that point is tried, and after it one just above.
     """
-    middle = float(np.sqrt(capacity.multiple * capacity.end))
+    middle = float(np.sqrt(capacity.multiple * capacity.end)) or 0.5 * capacity.end
     if len(peaks) < 2 or not 0.0 < peaks[-1][1] < peaks[-2][1]:
         return middle
     (m_2, p_2), (m_1, p_1) = peaks[-2:]
     limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) * (m_2 - m_1) / (p_2 - p_1)
-    if abs(limit / capacity.multiple - 1.0) < BRACKET_RATIO:  # planned just below it
+    if abs(limit - capacity.multiple) < BRACKET_RATIO * capacity.multiple:  # planned just below it
         trial = capacity.multiple * (1.0 + 0.9 * BRACKET_RATIO)  # which ends the search if it is refused
     else:
         trial = limit * (1.0 - 0.45 * BRACKET_RATIO)
@@ -227,5 +252,5 @@ def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in impossible_ratios)
-    impossible = next((multiple for multiple in multiples if task.is_impossible(multiple)), np.inf)
-    return replace(capacity, impossible=impossible)
+    refuted = (multiple for multiple in multiples if task.bound_peaks(multiple) > 1.0 + BOUND_MARGIN)
+    return replace(capacity, impossible=next(refuted, np.inf))

@@ -13,7 +13,6 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import integrate
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.simulation.collocation import CollocationStep
 from framework.simulation.drive import Drive
@@ -116,7 +115,12 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate a task by steps of one length under the torque in their middle; see `Stepper`."""
     robot = task.equations.robot
-    count = _count_steps(task.duration, settings.step)
+    steps = task.duration / settings.step
+    if not steps <= MAX_STEPS:
+        raise InvalidInput(
+            f"step: {settings.step!r} s makes more than {MAX_STEPS} steps of {task.duration:g} s"
+        )
+    count = max(1, int(np.ceil(steps - SAME_PLACE)))
     if count < 2:  # the error is estimated from second differences
         raise InvalidInput(
             f"step: {settings.step:g} s is too long for {task.duration:g} s; take at least 2 steps"
@@ -125,7 +129,11 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     record = RunRecord(task, event_samples=1)
     trajectory = _take_fixed_steps(record, edges)
     h = task.duration / count
-    error = _fixed_step_error(robot, trajectory.v, h)
+    # The error [rad, robot lengths] that steps of order 2 accumulate, without its growth along an unstable
+    # motion, is the sum of the truncation errors, for the coordinate of the largest sum. That of a step is
+    # h^3 / 12 times the third derivative of q: the second difference of velocities (K + 1, nv) over h^2.
+    second_differences = np.abs(np.diff(trajectory.v / robot.column_scale, 2, axis=0))
+    error = float(h / 12 * second_differences.sum(axis=0).max(initial=0.0))
     if error > FIXED_STEP_ERROR:
         # the error grows with the square of h: advise a step with a tenth of the error allowed
         advised = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
@@ -183,30 +191,6 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
             if record.add_step(piece, work, abs(work)):
                 break
     return Cubics(robot, edges[: len(states)], *stack_states(states))
-
-
-def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
-    """Estimate the error [rad, robot lengths] that fixed steps of order 2 accumulate.
-
-    It is the sum of the truncation errors of all steps, for the coordinate of the largest sum. The truncation
-    error of a step of length h is h^3 / 12 times the third derivative of q. The third
-    derivative is the second difference of the velocities v (K + 1, nv), divided by h^2. The estimate does not
-    include the growth of errors along an unstable motion.
-    """
-    second_differences = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
-    return float(h / 12 * second_differences.sum(axis=0).max(initial=0.0))
-
-
-def _count_steps(length: float, step: float) -> int:
-    """Count the steps no longer than `step` [s] that cover `length` [s].
-
-    Raises:
-        InvalidInput: there are more than MAX_STEPS.
-    """
-    count = length / step
-    if not count <= MAX_STEPS:
-        raise InvalidInput(f"step: {step!r} s makes more than {MAX_STEPS} steps of {length:g} s")
-    return max(1, int(np.ceil(count - SAME_PLACE)))
 
 
 def integrate_task(task: IntegrationTask, settings: MethodSettings) -> Integration:

@@ -175,8 +175,9 @@ def simulation_result(
     q, v = trajectory(times)
     edge_q, edge_v = trajectory(edges)  # at the ends of all steps
 
-    tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
-    frame_error = None if planned is None else _frame_error(robot, planned, times, q)
+    tracking = turning = frame_error = None
+    if planned is not None:
+        tracking, turning, frame_error = _tracking_errors(robot, planned, times, q)
     return Simulation(
         robot=robot,
         method=method,
@@ -253,30 +254,22 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     return float(gaps.max(initial=0.0))
 
 
-def _path_errors(
+def _tracking_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
-) -> tuple[float, float | None]:
-    """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq).
-
-    Returns:
-        The largest distance [m] of the platform from its plan, or the largest angle [rad] if it only turns;
-        the largest angle [rad] if it both moves and turns, else None.
-    """
-    x = planned.platform(np.minimum(times, planned.duration))  # (T, n); rounding may exceed the duration
-    offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
+) -> tuple[float, float | None, float | None]:
+    """Compute tracking, turning and frame error of a `Simulation` at times (T,) [s] and q (T, nq)."""
+    instants = np.minimum(times, planned.duration)  # rounding may exceed the duration
+    frames = frames_at(robot, q)
+    offset = robot.platform.residual(frames, planned.platform(instants))  # (T, n)
     masks = [mask for mask in (robot.translations, ~robot.translations) if mask.any()]  # (n,) each
     errors = [float(np.linalg.norm(offset[:, mask], axis=1).max()) for mask in masks]
     tracking_error, *turning_error = errors  # a platform that only moves or only turns has one error
-    return tracking_error, turning_error[0] if turning_error else None
-
-
-def _frame_error(robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array) -> float | None:
-    """Compute `frame_error` [m] of a `Simulation` at times (T,) [s] and q (T, nq)."""
-    planned_q = planned.configuration(np.minimum(times, planned.duration))
-    if not isinstance(robot.platform, JointPlatform) or planned_q.shape != q.shape:  # with other springs
-        return None
-    offset = frames_at(robot, q).platform_origin - frames_at(robot, planned_q).platform_origin  # (T, 3)
-    return float(np.linalg.norm(offset, axis=1).max())
+    planned_q = planned.configuration(instants)
+    frame_error = None
+    if isinstance(robot.platform, JointPlatform) and planned_q.shape == q.shape:  # else with other springs
+        distance = frames.platform_origin - frames_at(robot, planned_q).platform_origin  # (T, 3)
+        frame_error = float(np.linalg.norm(distance, axis=1).max())
+    return tracking_error, turning_error[0] if turning_error else None, frame_error
 
 
 def simulate(

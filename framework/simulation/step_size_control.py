@@ -67,7 +67,7 @@ def collocate(
             for candidate, leniency in _step_lengths(length, usual, end - time, SAME_PLACE * duration):
                 step_equations = StepEquations(equations, drive, table, time, candidate, start)
                 try:
-                    step = _try_step(step_equations, previous, tolerance, leniency)
+                    step, growth = _try_step(step_equations, previous, tolerance, leniency)
                     break
                 except StepFailed as error:
                     failure = error
@@ -78,7 +78,7 @@ def collocate(
             previous = step
             start = end_state(equations, step)
             time = end if candidate == end - time else step.end
-            length = min(longest, candidate * _step_growth(equations, step, tolerance))
+            length = min(longest, candidate * growth)
             usual = max(candidate, 0.5 * usual)
             accepted += 1
             # at this rate the whole simulation needs accepted * duration / time steps
@@ -127,7 +127,7 @@ def _divide_evenly(length: float, remaining: float) -> float:
 
 def _try_step(
     equations: StepEquations, previous: CollocationStep | None, tolerance: float, leniency: float
-) -> CollocationStep:
+) -> tuple[CollocationStep, float]:
     """Solve a step from a guess that is extrapolated from the previous one.
 
     Args:
@@ -136,35 +136,24 @@ def _try_step(
         tolerance: what a step may leave unresolved [rad, robot lengths].
         leniency: factor on this part for a bridging step.
 
+    Returns:
+        The step, and the factor on the length of the next one that keeps its unresolved part admissible.
+
     Raises:
         StepFailed: the step cannot be solved, or leaves more unresolved.
     """
     newton_share = 0.01  # share of the tolerance to which a step is solved
+    step_safety = 0.8  # factor on the length that the estimate of the unresolved part allows
     guess = _extrapolate_guess(equations.equations, equations.table, previous, equations.length)
     step = equations.solve(*guess, newton_share * tolerance)
-    if step.unresolved > leniency * _admissible_part(equations.equations, step, tolerance):
+    # admissible are the tolerance and the rounding of the step's motion, [rad, robot lengths]
+    motions = step.length * np.abs(step.offset_rate / equations.equations.robot.column_scale)
+    admissible = tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
+    if step.unresolved > leniency * admissible:
         raise StepFailed("the motion is not resolved")
-    return step
-
-
-def _admissible_part(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
-    """Return the largest admissible defect of a step: the tolerance and the rounding of its motion.
-
-    Both are in rad and robot lengths. The motion is the step's length times its offset rates.
-    """
-    motions = step.length * np.abs(step.offset_rate / equations.robot.column_scale)
-    return tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
-
-
-def _step_growth(equations: EquationsOfMotion, step: CollocationStep, tolerance: float) -> float:
-    """Return the factor on the length of the next step, which keeps its unresolved part admissible.
-
-    The unresolved part is proportional to the length of a step to the power stages + 1.
-    """
-    step_safety = 0.8  # factor on the length that the estimate of the unresolved part allows
-    admissible = _admissible_part(equations, step, tolerance)
+    # the unresolved part is proportional to the length of a step to the power stages + 1
     ratio = admissible / max(step.unresolved, LEAST_DIVISOR)
-    return step_safety * float(ratio ** (1 / (step.table.stages + 1)))
+    return step, step_safety * float(ratio ** (1 / (step.table.stages + 1)))
 
 
 def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:

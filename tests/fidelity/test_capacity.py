@@ -4,6 +4,7 @@ import json
 import math
 from functools import cache
 
+import numpy as np
 import pytest
 
 import robots
@@ -118,18 +119,22 @@ def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
 
 
 @pytest.mark.parametrize(
-    ("peak", "most"),
+    ("peak", "bound", "most"),
     [
-        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), 9),  # of the multiple m, over the limits
-        (lambda m: (1.0 - LIMIT_MARGIN) * (m / 5.3) ** 3, 12),
-        (lambda m: 3.0 + m, 20),  # evidence that misleads
-        (lambda m: 9.0 - m, 20),
-        (lambda m: 1.0, 20),
+        # of the multiple m, over the limits; the multiple at which the bound meets them
+        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), np.inf, 9),
+        (lambda m: (1.0 - LIMIT_MARGIN) * (m / 5.3) ** 3, np.inf, 12),
+        (lambda m: 3.0 + m, np.inf, 20),  # evidence that misleads
+        (lambda m: 9.0 - m, np.inf, 20),
+        (lambda m: 1.0, np.inf, 20),
+        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), 5.31, 5),
+        (lambda m: (1.0 - LIMIT_MARGIN) * m / 5.3, 90.0, 12),  # far above what is planned
     ],
 )
-def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, most):
+def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, bound, most):
     """Planned up to 5.3 times the push: peaks that rise with it save plans, others do no harm."""
     plan, tried = pushed(0.0), []
+    monkeypatch.setattr("framework.fidelity.capacity._Multiples.bound_peaks", lambda self, m: m / bound)
 
     def planned(robot, request, **_):
         (entry,) = request.external_wrenches.entries or (None,)
@@ -139,7 +144,6 @@ def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, mo
         return plan
 
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", planned)
-    monkeypatch.setattr("framework.fidelity.capacity.find_refuting_bound", lambda task: "a proof")
     robot, path = five_bar()
     found = largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
     assert found.multiple <= 5.3 < found.refused <= 1.001 * found.multiple
@@ -171,6 +175,7 @@ def test_the_command_says_no_where_no_multiple_is_planned(monkeypatch, capsys):
 def test_the_command_does_not_say_more_than_was_tried(monkeypatch, capsys):
     plan = pushed(0.0)
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", lambda robot, request, **_: plan)
+    monkeypatch.setattr("framework.fidelity.capacity._Multiples.bound_peaks", lambda self, multiple: 0.0)
     words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
     assert main(words) == 0
     assert "nothing refused up to 1.04858e+06 times" in capsys.readouterr().out
