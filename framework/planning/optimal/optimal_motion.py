@@ -12,14 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from framework.errors import (
-    InvalidInput,
-    NoAnswer,
-    NoLaw,
-    NotConverged,
-    UnboundedTorque,
-    round_up,
-)
+from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
 from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.certified_motion import OptimalMotion, resolve_law
@@ -30,17 +23,8 @@ from framework.planning.optimal.optimal_task import (
     check_speeds,
     find_crossing_points,
 )
-from framework.planning.optimal.undeformed_law import (
-    adapt_found_law,
-    find_law,
-)
-from framework.planning.refusals import (
-    PRINTED_DIGITS,
-    HoldingTorque,
-    LeastLimits,
-    SearchEvidence,
-    advice_of,
-)
+from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
+from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence, advice_of
 from framework.planning.request import limit_excess
 from framework.singularity.points_on_path import SingularPoint
 
