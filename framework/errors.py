@@ -286,12 +286,18 @@ def _with_attributes(error: type[E]) -> type[E]:
 
 @dataclass(eq=False, repr=False)
 class NoAnswer(FrameworkError):
-    """A question well posed that has no answer, or none that could be proved; `message` is the reason."""
+    """A question well posed that has no answer, or none that could be proved; `message` is the reason.
+
+    `proof` is what the reason rests on, None where nothing is proved; `evidence` what a search found instead
+    (`framework.planning.refusals`).
+    """
 
     message: str
     _: KW_ONLY
     name: str = ""
     clauses: tuple[str, ...] = ()
+    proof: object = None
+    evidence: object = None
 
 
 @_with_attributes
@@ -335,16 +341,8 @@ class SingularPath(NoAnswer):
     """The path runs along the singular locus instead of across."""
 
 
-@_with_attributes
 class NoLaw(NoAnswer):
-    """No motion law can pass, or none was found that advances all the time.
-
-    `proof` is what the first rests on, None where nothing is proved; `evidence` what a search found instead
-    (`framework.planning.refusals`).
-    """
-
-    proof: object = None
-    evidence: object = None
+    """No motion law can pass, or none was found that advances all the time."""
 
 
 @_with_attributes

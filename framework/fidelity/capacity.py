@@ -194,7 +194,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
         multiple = 1.05 * end  # clearly refused: beside the end searches are long
     while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
         capacity = task.try_multiple(capacity, multiple)
-        evidence = getattr(capacity.refusal, "evidence", None)
+        evidence = None if capacity.refusal is None else capacity.refusal.evidence
         if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
             peaks.append((multiple, evidence.least.torque_peak or 0.0))
         if capacity.end == np.inf:  # all multiples so far have plans

@@ -120,61 +120,62 @@ def estimate(
         slopes = motion.torques(response @ unknowns)  # (T n_a, z)
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
-        step = _solve_equations(reduced.rows, k, deviations)
+        solution = _solve_equations(reduced.rows, unknowns[1:], deviations)
 
         # the noise is what this solution leaves
-        right = step.right + step.root @ unknowns[1:]
-        unknowns = unknowns + np.append(0.0, step.parameters)
+        step = solution.values - unknowns[1:]  # (k,)
+        unknowns = np.append(1.0, solution.values)
         predicted = rows.constant + matrix @ unknowns
-        corrections = reduced.corrections @ np.r_[np.zeros(k), -step.sensors, -step.parameters, 1.0]
+        corrections = reduced.corrections @ np.r_[np.zeros(k), -solution.sensors, -step, 1.0]
         draw = reduced.draw
-        residual = misfit - sensors @ step.sensors - corrected[..., 1:] @ step.parameters  # (T, n_a)
+        residual = misfit - sensors @ solution.sensors - corrected[..., 1:] @ step  # (T, n_a)
         noise = residual - (slopes @ (corrections + draw)).reshape(T, n_a)
         noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
         if rows.independent == 1.0:  # else motors repeat one another
             unmix = _unmixing(noise, rows.valid, noise_filters)
         size_before, size = size, np.sqrt(np.sum(noise**2 * rows.valid, axis=0))
         is_same = np.abs(size - size_before) <= same_noise * size_before
-        if is_same.all() and np.linalg.norm(step.root @ step.parameters) < converged:
+        if is_same.all() and np.linalg.norm(np.linalg.solve(solution.spread, step)) < converged:
             break
-    spread = posterior_root(step.root)
     return Estimate(
-        values=spread @ (spread.T @ (step.root.T @ right)),
-        spread=spread,
+        values=solution.values,
+        spread=solution.spread,
         noise=np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1)),
-        offset=step.sensors[len(step.sensors) - n_a :] if errors.get("offset") else np.zeros(n_a),
+        offset=solution.sensors[len(deviations) - n_a :] if errors.get("offset") else np.zeros(n_a),
         order=max(map(len, noise_filters)) - 1,
         equations=count,
     )
 
 
-class _Step(NamedTuple):
-    """Solution of the equations root @ parameters = right with unit noise."""
+class _Solution(NamedTuple):
+    """Most probable unknowns and errors of sensors."""
 
-    root: Array  # (f, f)
-    right: Array  # (f,)
-    parameters: Array  # (f,) shortest one, over the lengths of the columns
+    values: Array  # (k,) unknowns
+    spread: Array  # (k, k) S, where S S' is their covariance
     sensors: Array  # (s,) errors
 
 
-def _solve_equations(rows: Array, f: int, deviations: Array) -> _Step:
-    """Solve equations with independent unit noise for the errors of sensors and f parameters.
+def _solve_equations(rows: Array, before: Array, deviations: Array) -> _Solution:
+    """Solve equations with independent unit noise for the errors of sensors and k unknowns.
+
+    Without the prior about the unknowns, data that show little would lead them far off, where the errors of
+    the motion explain all.
 
     Args:
-        rows: (N, f + s + f + 1) spurious derivatives by the parameters, derivatives by errors of sensors and
-            by the parameters, and the right side.
+        rows: (N, k + s + k + 1) spurious derivatives by the unknowns, derivatives by errors of sensors and by
+            the unknowns, and the right side.
+        before: (k,) unknowns for which these are.
         deviations: (s,) of the sensors' errors, whose mean is 0.
     """
-    s = len(deviations)
-    E, A_and_b = np.split(rows, [f], axis=1)
-    prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, f + 1))])
+    k, s = len(before), len(deviations)
+    E, A_and_b = np.split(rows, [k], axis=1)
+    prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, k + 1))])
     R = np.asarray(np.linalg.qr(np.concatenate([prior, A_and_b]), mode="r"))
     root, right = _remove_noise(R[s:-1, s:-1], R[s:-1, -1], E)
-    lengths = np.linalg.norm(R[:, s:-1], axis=0)
-    lengths[lengths == 0.0] = 1.0
-    parameters = np.linalg.lstsq(root / lengths, right, rcond=RANK_ROUNDING)[0] / lengths
-    sensors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ parameters)
-    return _Step(root, right, parameters, sensors)
+    spread = posterior_root(root)
+    values = spread @ (spread.T @ (root.T @ (right + root @ before)))
+    sensors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ (values - before))
+    return _Solution(values, spread, sensors)
 
 
 class _Reduced(NamedTuple):

@@ -62,7 +62,14 @@ def choose_unknowns(
     massless = np.diag(sizes)[:, ~links.to_parameters.any(axis=1) & (not only)]  # (p, m)
     change = np.zeros((len(links.values), len(links.values) + massless.shape[1]))  # (u, z)
     free = _free_parameters(base, links, only)
-    change[free, : len(links.values)] = prior * links.prior_root[free]
+    root = links.prior_root.copy()
+    if only:  # a rotor that is asked for is unknown where the file has none
+        rotors = np.arange(links.motor_slice.start, len(root), len(OF_MOTORS)) + OF_MOTORS.index(
+            "rotor_inertia"
+        )
+        absent = rotors[links.values[rotors] == 0.0]
+        root[absent, absent] = sizes[absent - len(root)]  # motors are the last of both
+    change[free, : len(root)] = prior * root[free]
     by_change = coefficients @ (links.to_parameters @ change)  # (rank, z)
     by_change[:, len(links.values) :] = prior * coefficients @ massless
     scale = sizes[base.combinations.leading, None]  # (rank, 1) makes the base parameters comparable

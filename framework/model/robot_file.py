@@ -6,16 +6,17 @@ Every error names the file and the key, the value found there, and the valid val
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import LineSpring, RobotDescription, Spring, lock_couplings
+from framework.model.description import JointDynamics, LineSpring, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
-from framework.model.robot_keys import TREE, RobotReader, merge_joint_dynamics
+from framework.model.robot_keys import TREE, RobotReader
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, urdf_text, virtual_link_name
 from framework.model.urdf_elements import (
     MOVING,
@@ -102,11 +103,14 @@ def describe_tree(
     robot["couplings"] = tuple(remaining)
     _drop_locked_joints(robot, locked)
 
+    joints = declared_dynamics(tree)  # which the file overrides
+    for name, values in robot.pop("joints").items():
+        joints[name] = replace(joints.get(name, JointDynamics()), **values)
     description = RobotDescription(
         name=path.stem,
         file=path,
         urdf_text=text,
-        joints=merge_joint_dynamics(declared_dynamics(tree), robot.pop("joints")),
+        joints=joints,
         parameters=dict(parameters),
         **robot,
     )

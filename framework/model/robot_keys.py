@@ -26,7 +26,6 @@ from framework.model.description import (
     Closure,
     Coupling,
     FrameWrench,
-    JointDynamics,
     KeptLevel,
     LineSpring,
     Platform,
@@ -37,7 +36,7 @@ from framework.model.description import (
     kinds_with_length,
     locked_axes,
 )
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, JointValues, Tree, check_inertia
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, Tree, check_inertia
 from framework.numerics.fields import (
     Table,
     anything,
@@ -111,12 +110,7 @@ _DYNAMICS_TABLE: Table = {"rest": optional(number)} | dict.fromkeys(
 )
 
 
-def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict[str, JointDynamics]:
-    """Merge the `declared` joint dynamics of a URDF with overriding values, by coordinate."""
-    return {
-        name: JointDynamics(**declared.get(name, {}) | overriding.get(name, {}))
-        for name in declared | overriding
-    }
+JointValues = dict[str, dict[str, float]]  # for each coordinate, values of fields of JointDynamics
 
 
 # ------------------------------------------------------------------ the robot on its tree

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element, fromstring
 import numpy as np
 
 from framework.errors import MissingPackage, RobotFileError, check_name
-from framework.model.description import Coupling, RobotDescription
+from framework.model.description import Coupling, JointDynamics, RobotDescription
 from framework.model.documents import (
     attribute,
     child_element,
@@ -55,7 +55,6 @@ SIZES_OF_SHAPES = {
     "cylinder": ("radius", "length"),
     "capsule": ("radius", "length"),
 }
-JointValues = dict[str, dict[str, float]]  # for each coordinate, values of fields of JointDynamics
 Complaints = list[tuple[str, str]]  # the name of a link or joint, and what is impossible about it
 
 
@@ -72,7 +71,7 @@ class Joint:
     child: str = ""  # link
     effort: float = ENDLESS  # largest [N m, N], and the largest speed [per s]; neither is a limit of a motor
     speed: float = ENDLESS
-    dynamics: Mapping[str, float] = field(default_factory=dict)  # positive damping and friction, as in a file
+    dynamics: JointDynamics = field(default_factory=JointDynamics)  # along each coordinate
     mimic: Coupling | None = None  # of a joint of one freedom
     element: Element | None = None  # of the file, written again as it is; None once the joint has changed
 
@@ -298,7 +297,6 @@ def _check_root(tree: Tree) -> None:
     for joint in tree.joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
-    for joint in tree.joints.values():
         if joint.child in parents:
             raise RobotFileError(
                 f"link {joint.child!r} has two parents; a URDF is a tree: cut the loop there and declare it "
@@ -347,8 +345,7 @@ def _read_joint(element: Element, links: Collection[str], impossible: Complaints
     joint = Joint(name, kind, origin, parent=parent, child=child, element=element)
     if not joint.moves:
         return joint
-    dynamics = _read_dynamics(element, f"{where}: <dynamics>")
-    joint = replace(joint, dynamics={key: value for key, value in dynamics.items() if value})
+    joint = replace(joint, dynamics=_read_dynamics(element, f"{where}: <dynamics>"))
     if kind not in MOVING:
         return joint
     axis, mimic = element.find("axis"), element.find("mimic")
@@ -367,17 +364,16 @@ def _read_joint(element: Element, links: Collection[str], impossible: Complaints
         return replace(joint, element=None)
 
 
-def _read_dynamics(joint: Element, where: str) -> dict[str, float]:
+def _read_dynamics(joint: Element, where: str) -> JointDynamics:
     """Read damping and dry friction of a joint, zero by default; refuse negative values."""
-    values: dict[str, float] = {}
     element = joint.find("dynamics")
     if element is None:
-        return values
-    for key in ("damping", "friction"):
-        values[key] = read_number(element, where, key, "0")
-        if values[key] < 0:
-            raise RobotFileError(f"{where} {key}: must not be negative, got {values[key]:g}")
-    return values
+        return JointDynamics()
+    values = {key: read_number(element, where, key, "0") for key in ("damping", "friction")}
+    for key, value in values.items():
+        if value < 0:
+            raise RobotFileError(f"{where} {key}: must not be negative, got {value:g}")
+    return JointDynamics(**values)
 
 
 def parse_limit(where: str, text: str) -> float:
@@ -486,10 +482,10 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         )
 
 
-def declared_dynamics(tree: Tree) -> JointValues:
-    """Return positive damping and dry friction of <dynamics>, by coordinate."""
-    joints = [joint for joint in tree.joints.values() if joint.dynamics]
-    return {coordinate: dict(joint.dynamics) for joint in joints for coordinate in joint.coordinates}
+def declared_dynamics(tree: Tree) -> dict[str, JointDynamics]:
+    """Return the dynamics of joints where they are not zero, by coordinate."""
+    joints = [joint for joint in tree.joints.values() if joint.dynamics != JointDynamics()]
+    return {coordinate: joint.dynamics for joint in joints for coordinate in joint.coordinates}
 
 
 def declared_couplings(tree: Tree, locked: Iterable[str] = ()) -> list[Coupling]:

@@ -226,8 +226,8 @@ def _plan_after_refusal(
             return _plan_polynomial_within_limits(to_cross, request, optimal_refusal)
         refusal.adding(f"nor does the optimal law help: {optimal_refusal.sentence}")
         if isinstance(refusal, NoLaw):
-            refusal.proof = refusal.proof or getattr(optimal_refusal, "proof", None)
-            refusal.evidence = getattr(optimal_refusal, "evidence", None)
+            refusal.proof = refusal.proof or optimal_refusal.proof
+            refusal.evidence = optimal_refusal.evidence
         # that the polynomial is resolved to another tolerance does not depend on the optimal law
         raise refusal.advising(refusal.remedy if "tolerance" in (refusal.remedy or {}) else None) from None
 
@@ -413,7 +413,7 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         return OPTIMAL_LAW if has_optimal_form and is_crossable(searched) else None
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
         return None if refusal.proof.stop else {"bend": True}  # a bend keeps the ends of the path
-    evidence = getattr(refusal, "evidence", None)
+    evidence = refusal.evidence
     if not isinstance(evidence, SearchEvidence):
         return OPTIMAL_LAW if request.times and request.law == "auto" and is_crossable(searched) else None
     if evidence.start_speed is not None:

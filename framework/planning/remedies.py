@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import fields, replace
 from typing import Any
 
-from framework.errors import FrameworkError
+from framework.errors import FrameworkError, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.plan import plan_request
@@ -29,7 +29,8 @@ def plan_or_advise(robot: ParallelRobot, request: Request) -> CrossingPlan:
         raise
     except FrameworkError as refusal:
         # the search has certified a motion with the limits or the duration of its evidence
-        if refusal.remedy and isinstance(getattr(refusal, "evidence", None), SearchEvidence):
+        evidence = refusal.evidence if isinstance(refusal, NoAnswer) else None
+        if refusal.remedy and isinstance(evidence, SearchEvidence):
             raise
         candidates = [refusal.remedy] if refusal.remedy else []
         if robot.n_e and request.geometry != "rigid":

@@ -58,7 +58,10 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
 
 def _other_modes(robot: ParallelRobot) -> list[str]:
     """Return a remark on the other poses of the reference's motors, with words that choose each."""
+    max_motors = 12  # the number of modes doubles with each leg
     motors = robot.actuated_coordinates(robot.reference.q[None])[0]
+    if len(motors) > max_motors:
+        return [f"mode: others, as robots of {len(motors)} motors have many, are not looked for"]
     try:
         found = assembly_modes(robot, motors).modes
     except FrameworkError:  # such as motors that do not determine the pose

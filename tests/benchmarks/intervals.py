@@ -3,8 +3,8 @@
 Recordings of robots whose masses, rotors and friction differ from their files', by closed inverse dynamics:
 one stroke, strokes to and fro on a line, and sums of sines. Encoders have 16 bits and half a step of noise,
 torques 1 % of noise, steps of 0.2 % and a scale that is off by 0.5 %. A parameter counts as determined if the
-data leave less than half of the file's deviation, and its deviation is below its true value or a twentieth of
-its typical size.
+data leave less than a third of the file's deviation, and its deviation is below its true value or a twentieth
+of its typical size.
 """
 
 from __future__ import annotations

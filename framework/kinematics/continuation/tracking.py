@@ -141,6 +141,8 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 
 def _check_turns(robot: ParallelRobot, path: Path) -> None:
     """Refuse a path on which a coordinate of the platform turns by more than MAX_TURNS."""
+    if robot.translations.all():
+        return
     travel = np.abs(np.diff(path(np.linspace(0.0, 1.0, 201)), axis=0)).sum(axis=0)  # (n,) [m, rad]
     for name, angle, slides in zip(robot.axis_names, travel.tolist(), robot.translations, strict=True):
         if not slides and angle > MAX_TURNS * 2.0 * np.pi:

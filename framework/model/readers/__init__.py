@@ -10,7 +10,7 @@ Dialects
     pinocchio_model     a model of pinocchio in memory, with constraint models
 
 Shared by all readers
-    urdf_tree           a URDF that readers edit, with lists of loops, motors and forces
+    urdf_tree           a tree that readers edit, with lists of loops, motors and forces
     describe            from the tree to the records: locks, motors, options, proposals
 """
 

@@ -37,7 +37,6 @@ from framework.model.description import (
 )
 from framework.model.documents import parse_numbers, prefix_errors
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
-from framework.model.robot_keys import merge_joint_dynamics
 from framework.model.urdf_edits import urdf_text
 from framework.model.urdf_elements import (
     PACKAGE,
@@ -135,7 +134,9 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         raise _no_loop_error(options, tree.closures)
 
     # URDF and platform are stand-ins until options or proposals have completed the robot
-    actuators = attach_transmissions(tree)  # adds to tree.dynamics
+    actuators = attach_transmissions(tree)  # adds to the dynamics of joints
+    dynamics = declared_dynamics(tree)
+    _check_dynamics(dynamics)
     description = RobotDescription(
         name=_choose_name(tree.name, file),
         file=file,
@@ -145,7 +146,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         closures=tuple(loops),
         couplings=tuple(tree.couplings),
         line_springs=tuple(spring for spring in tree.line_springs if _is_moving(tree, spring.between)),
-        joints=_moving_dynamics(tree),
+        joints=dynamics,
         gravity=tree.gravity,
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
     )
@@ -261,16 +262,13 @@ def _choose_name(of_model: str, file: Path) -> str:
     return file.stem
 
 
-def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
-    """Return the dynamics of moving coordinates as the dialect states, else as the URDF's <dynamics> does."""
-    dynamics = merge_joint_dynamics(declared_dynamics(tree), {}) | tree.dynamics
-    moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
-    for name, value in moving.items():
+def _check_dynamics(dynamics: Mapping[str, JointDynamics]) -> None:
+    """Refuse negative values of joint dynamics, by coordinate."""
+    for name, value in dynamics.items():
         if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
             raise RobotFileError(
                 f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
             )
-    return moving
 
 
 # ------------------------------------------------------------------ joints that move
@@ -365,7 +363,8 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
                 # before the gear the coordinate is gear * (arm q + constant): subtract its constant part
                 rest = drive.dynamics.rest - drive.gear * constant
                 reflected = replace(drive.dynamics, rest=rest).reflect_through(gear)
-                tree.dynamics[joint] = tree.dynamics.get(joint, JointDynamics()) + reflected
+                driven = tree.joints[joint]
+                tree.put(replace(driven, dynamics=driven.dynamics + reflected))
     return tuple(actuators.values())
 
 

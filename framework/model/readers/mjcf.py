@@ -81,7 +81,7 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
     model = _Model(compiled, root.get("model") or "mjcf")
     model.tree.unused += unused
     model.tree.left_out += left_out
-    model.read_joints()
+    model.read_keyframe()
     model.read_equalities()
     model.read_transmissions()
     model.name_unread_effects()
@@ -118,10 +118,12 @@ class _Joint(NamedTuple):
     def urdf_joint(self, origin: Array) -> Joint:
         """Return the joint of the URDF at a placement (4, 4) in the parent link."""
         view = self.view
+        rest = view.qpos_spring[0] - view.qpos0[0] if self.has_one_freedom else None
+        dynamics = _make_dynamics((getattr(view, key)[0] for key in _DYNAMICS_FIELDS), rest)
         if not self.has_one_freedom:
-            return Joint(self.name, self.kind, origin)
+            return Joint(self.name, self.kind, origin, dynamics=dynamics)
         limits = (view.range - view.qpos0).tolist() if view.limited[0] else None
-        return Joint(self.name, self.kind, origin, view.axis, limits)
+        return Joint(self.name, self.kind, origin, view.axis, limits, dynamics=dynamics)
 
 
 def _placement_of_qpos(qpos: Array) -> Array:
@@ -329,20 +331,13 @@ class _Model:
 
     # -------------------------------------------------------------- forces
 
-    def read_joints(self) -> None:
-        """Read the dynamics of all coordinates, and the first keyframe as the reference."""
-        model = self.compiled
-        for joint in self.joints:
-            view = joint.view
+    def read_keyframe(self) -> None:
+        """Read the first keyframe as the reference."""
+        for joint in self.joints if self.compiled.nkey else ():
+            start = joint.view.qposadr.item()
+            qpos = self.compiled.key_qpos[0, start : start + joint.view.qpos0.size]
             names = coordinates_of(joint.name, joint.kind)
-            rest = view.qpos_spring[0] - view.qpos0[0] if joint.has_one_freedom else None
-            dynamics = _make_dynamics((getattr(view, key)[0] for key in _DYNAMICS_FIELDS), rest)
-            if dynamics != JointDynamics():
-                self.tree.dynamics |= dict.fromkeys(names, dynamics)
-            if model.nkey:
-                start = view.qposadr.item()
-                qpos = model.key_qpos[0, start : start + view.qpos0.size]
-                self.tree.reference |= zip(names, joint.coordinates_at(qpos), strict=True)
+            self.tree.reference |= zip(names, joint.coordinates_at(qpos), strict=True)
 
     def read_transmissions(self) -> None:
         """Read motors on hinges, slides and fixed tendons, and the fixed tendons themselves."""

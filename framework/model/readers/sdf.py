@@ -97,7 +97,7 @@ _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the
 
 
 class _Joint(NamedTuple):
-    """A joint with its motions, their dynamics, and its placements in both links."""
+    """A joint with its motions, and its placements in both links."""
 
     name: str  # scoped, see `sdf_scope`
     element: Element
@@ -106,7 +106,6 @@ class _Joint(NamedTuple):
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
     # of one freedom each, in the joint's frame; a fixed joint or a ball has one motion, without an axis
     motions: list[Joint]
-    dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
     def chain_from(self, link: str) -> tuple[list[Joint], str, Array]:
         """Return the joints of a URDF that lead from one link of the joint to the other.
@@ -153,9 +152,8 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     for joint in joints:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree.movable)
-            tree.dynamics |= joint.dynamics
         else:
-            _close_cut_joint(tree, joint)
+            close_joint(tree, joint)
             _report_cut_properties(tree, joint)
     return describe(tree, file, options, "sdf")
 
@@ -163,7 +161,8 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
 def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
     """Report dynamics and mimic of a joint that becomes a closure, as acting on its child."""
     _, child = joint.links
-    properties = {"dynamics": bool(joint.dynamics), "mimic": _has_property(joint.element, "mimic")}
+    has_dynamics = any(motion.dynamics != JointDynamics() for motion in joint.motions)
+    properties = {"dynamics": has_dynamics, "mimic": _has_property(joint.element, "mimic")}
     for name, is_stated in properties.items():
         if is_stated:
             text = f"joint {joint.name!r}: its {name}, where the loop is cut"
@@ -221,10 +220,12 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
     return first, second
 
 
-def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
+def make_joint(scope: Scope, name: str) -> _Joint:
     """Make the joint `name` with its motions and its placement in each link.
 
-    `links` are the parent and the child.
+    Raises:
+        RobotFileError: the joint is malformed, or joins a link with itself.
+        InvalidInput: its axis is expressed in a frame that does not exist.
     """
     element = scope.joints[name]
     kind = _KIND_OF_TYPE.get(element.get("type", ""), "fixed")
@@ -234,27 +235,24 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
+    links = _links_of_joint(scope, name)
     parent_link, child_link = links
     placements = (
         invert_placement(scope.placement_of(parent_link)) @ on_parent,
         invert_placement(scope.placement_of(child_link)) @ on_child,
     )
-    motions, dynamics = _read_motions(scope, name, kind)
-    return _Joint(name, element, kind, links, placements, motions, dynamics)
+    return _Joint(name, element, kind, links, placements, _read_motions(scope, name, kind))
 
 
-def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[Joint], dict[str, JointDynamics]]:
-    """Read the motions of one freedom of a joint of this kind, and their dynamics by name of the motion."""
+def _read_motions(scope: Scope, name: str, kind: str) -> list[Joint]:
+    """Read the motions of one freedom of a joint of this kind."""
     element = scope.joints[name]
     motions = []
-    dynamics: dict[str, JointDynamics] = {}
     for suffix, motion, tag in _MOTIONS_OF_KIND.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
-        limits = _read_limits(element, name, tag)
-        motions.append(Joint(name + suffix, motion, axis=axis, limits=limits))
-        if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
-            dynamics[name + suffix] = acting
-    return motions or [Joint(name, kind)], dynamics
+        limits, dynamics = _read_limits(element, name, tag), _read_dynamics(element, name, tag)
+        motions.append(Joint(name + suffix, motion, axis=axis, limits=limits, dynamics=dynamics))
+    return motions or [Joint(name, kind)]
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
@@ -338,7 +336,7 @@ def _joints_of_main_part(scope: Scope) -> list[_Joint]:
         return len(names) + mimics >= len(links), len(names)
 
     main_part = max(merge_overlapping(ends.values()), key=rank)
-    return [_make_joint(scope, name, ends[name]) for name in names_of_joints(main_part)]
+    return [make_joint(scope, name) for name in names_of_joints(main_part)]
 
 
 def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
@@ -434,18 +432,7 @@ def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | N
     return None if (lower, upper) == (-ENDLESS, ENDLESS) else (lower, upper)
 
 
-def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
-    """Close the loop of a joint in `scope`, between links of a tree.
-
-    Raises:
-        RobotFileError: the joint is malformed, joins a link with itself, or is of a type that is not read
-            where it closes a loop.
-        InvalidInput: its axis is expressed in a frame that does not exist.
-    """
-    _close_cut_joint(tree, _make_joint(scope, name, _links_of_joint(scope, name)))
-
-
-def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
+def close_joint(tree: UrdfTree, joint: _Joint) -> None:
     """Close the loop that is cut at a joint between two links of the tree.
 
     Raises:

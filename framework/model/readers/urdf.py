@@ -73,7 +73,7 @@ from framework.model.documents import (
 )
 from framework.model.placement import invert_placement, placement
 from framework.model.readers.describe import Options, describe
-from framework.model.readers.sdf import close_joint
+from framework.model.readers.sdf import close_joint, make_joint
 from framework.model.readers.sdf_scope import (
     BALL_CONSTRAINT,
     TRUE_TEXTS,
@@ -270,7 +270,6 @@ def read_urdf(
     _close_joints_of_other_programs(tree, elements)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
-    tree.add_two_joint_transmissions()
     is_closed = tree.closures or tree.couplings or options.closures
     if not is_closed and root.find("joint/mimic") is None:
         unread = "".join(f"{linkage}; " for linkage in tree.unread_transmissions)
@@ -322,7 +321,7 @@ def _close_joints_of_other_programs(tree: UrdfTree, elements: Sequence[Element])
     add_content(scope, model, Path(), "", WORLD)
     drop_detached(scope)
     for name in scope.joints:
-        close_joint(scope, tree, name)
+        close_joint(tree, make_joint(scope, name))
 
 
 def _find_loop_closures(file: Path) -> Mapping[str, Any]:

@@ -73,15 +73,6 @@ class UnreadElement(NamedTuple):
     is_decisive: bool = False
 
 
-class TwoJointTransmission(NamedTuple):
-    """Two motors that move two joints together, as a differential does."""
-
-    name: str
-    kind: str  # one of _TURNS_OF_MOTORS
-    joints: Mapping[str, float]  # reductions by name, in the order of the roles, as of the motors
-    motors: Mapping[str, float]
-
-
 class Transmission(NamedTuple):
     """A motor or tendon that acts along a length sum(arm q) of joints.
 
@@ -325,14 +316,12 @@ class UrdfTree(Tree):
         self.remarks: list[str] = []
         self.motors: list[str] = []  # joints
         self.gears: dict[str, float] = {}  # of these motors, where it is not 1
-        self.two_joint_transmissions: list[TwoJointTransmission] = []
         self.unread_transmissions: list[str] = []
         self.closures: list[Closure] = []
         self.couplings: list[Coupling] = []
         self.line_springs: list[LineSpring] = []
         self.transmissions: list[Transmission] = []
         self.likely_motors: list[str] = []
-        self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
         self.gravity = (0.0, 0.0, -9.81)
         self.reference: dict[str, float] = {}  # by coordinate
         self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in complaints]
@@ -392,7 +381,7 @@ class UrdfTree(Tree):
             )
         if kind in _TURNS_OF_MOTORS and len(joints) == 2 == len(motors) and all([*joints, *motors]):
             gears = {motor: common * reduction for motor, reduction in motors.items()}
-            self.two_joint_transmissions.append(TwoJointTransmission(name, kind, joints, gears))
+            self._add_rotors(name, kind, joints, gears)
         elif len(joints) > 1 or kind not in ("", "SimpleTransmission"):
             unread = f"not read: {where}, {kind or 'of several joints'} of {', '.join(joints)}"
             self.unread_transmissions.append(unread)
@@ -406,27 +395,33 @@ class UrdfTree(Tree):
                         f"{where}: the motor of {joint} turns against its joint; its sign is left out"
                     )
 
-    def add_two_joint_transmissions(self) -> None:
+    def _add_rotors(
+        self, name: str, kind: str, joints: Mapping[str, float], gears: Mapping[str, float]
+    ) -> None:
         """Add a massless rotor for each motor that moves two joints, and the equation of its turn.
 
+        Args:
+            name: of the transmission.
+            kind: one of _TURNS_OF_MOTORS.
+            joints, gears: reductions by name of the two joints in the order of the roles, and of the motors.
+
         Raises:
-            RobotFileError: a transmission names a joint that is not one of the movable ones.
+            RobotFileError: a joint is not one of the movable ones.
         """
-        for name, kind, joints, motors in self.two_joint_transmissions:
-            for joint in joints:
-                check_name(f"transmission {name!r}: {kind}", "movable joint", joint, self.movable)
-            self.motors = [motor for motor in self.motors if motor not in joints]
-            turns = _TURNS_OF_MOTORS[kind](*joints.values())
-            carried = self.joints[list(joints)[-1]].child
-            for (motor, gear), arms in zip(motors.items(), turns, strict=True):
-                rotor = free_name(f"{motor}_rotor", self._taken)
-                hinge = free_name(motor, self._taken)
-                turn = Joint(hinge, "continuous", axis=unit_vector("z"))
-                add_chain(self, self.base, [turn], rotor, np.eye(4), self._taken)
-                # gear ratios have no sign, so that the rotor has it
-                terms = {hinge: math.copysign(1.0, -gear), **dict(zip(joints, arms, strict=True))}
-                self.equate(f"{name}_{motor}", terms, 0.0, (rotor, carried))
-                self.transmissions.append(Transmission(f"motor {hinge!r}", {hinge: 1.0}, abs(gear)))
+        for joint in joints:
+            check_name(f"transmission {name!r}: {kind}", "movable joint", joint, self.movable)
+        self.motors = [motor for motor in self.motors if motor not in joints]
+        turns = _TURNS_OF_MOTORS[kind](*joints.values())
+        carried = self.joints[list(joints)[-1]].child
+        for (motor, gear), arms in zip(gears.items(), turns, strict=True):
+            rotor = free_name(f"{motor}_rotor", self._taken)
+            hinge = free_name(motor, self._taken)
+            turn = Joint(hinge, "continuous", axis=unit_vector("z"))
+            add_chain(self, self.base, [turn], rotor, np.eye(4), self._taken)
+            # gear ratios have no sign, so that the rotor has it
+            terms = {hinge: math.copysign(1.0, -gear), **dict(zip(joints, arms, strict=True))}
+            self.equate(f"{name}_{motor}", terms, 0.0, (rotor, carried))
+            self.transmissions.append(Transmission(f"motor {hinge!r}", {hinge: 1.0}, abs(gear)))
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
         """Add a frame at a placement `origin` (4, 4) in a link; return the name.
@@ -499,7 +494,8 @@ class UrdfTree(Tree):
             if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
         motions = [
-            Joint(name, "continuous", axis=unit_vector(axis)) for name, axis in zip(names, axes, strict=True)
+            Joint(name, "continuous", axis=unit_vector(axis), dynamics=joint.dynamics)
+            for name, axis in zip(names, axes, strict=True)
         ]
         motions[0] = replace(motions[0], origin=joint.origin)
         del self.joints[joint.name]
