@@ -74,7 +74,7 @@ NEARLY_ALLOWED = 1.0 + PEAK_TORQUE_MISMATCH  # ratio to a limit, from which lowe
 MAX_FOLLOWED_REST = 10.0  # motion of springs at the ends (`measure_rest`) from which laws may settle
 PART_OF_GAIN = 0.25  # of what a law may gain over the last motion, left to its smoothness
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
-WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 1e-2
+WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 5e-3
 FAILURES = (NoLaw, NotAssembled, NotConverged, UnboundedTorque)  # of a law; another one may do
 
 
