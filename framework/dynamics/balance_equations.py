@@ -139,12 +139,15 @@ class LinearBalance:
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
         F = state.balance.F.reshape(-1, 1)
-        # the terms of rest are linear in the deflections, and do not depend on the scalars
-        unknowns = np.append(state.series, np.zeros(len(state.scalars))) * self.sizes
-        y = self._least_change(F, self.rest @ unknowns[:, None])
+        y = self._least_change(F, self.rest_of(state)[:, None])
         predicted = np.abs(self._change_balance(y) + F).max() / state.balance.largest_load
         series, scalars = np.split(y[:, 0] / self.sizes, [state.series.size])
         return Step(series.reshape(state.series.shape), scalars, float(predicted))
+
+    def rest_of(self, state: BalanceState) -> Array:
+        """Compute the terms (rows,) that vanish at rest: linear in the deflections, whatever the scalars."""
+        unknowns = np.append(state.series, np.zeros(len(state.scalars)))
+        return np.asarray(self.rest @ (unknowns * self.sizes))
 
     def cancel_changes(self, F: Array) -> Array:
         """Compute changes (C + k, n) of the unknowns that cancel changes F (T n_e, n) and preserve rest."""

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
-from framework.dynamics.deflection_splines import SplineFunction
+from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections, SplineFunction
 from framework.dynamics.forces import force_changes
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
@@ -32,12 +32,15 @@ from framework.dynamics.loaded_balance import (
     loop_weights,
     spring_units,
 )
-from framework.dynamics.restoration import BalanceSolution
+from framework.dynamics.restoration import FIRST_CELLS, BalanceSolution
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
+from framework.numerics.cone_program import Affine
 from framework.numerics.ordered_sums import factor_transposed, solve
+
+MAX_CELLS_KEPT = 5 * FIRST_CELLS  # from one balance to the next
 
 
 class TorqueResponse(NamedTuple):
@@ -48,9 +51,16 @@ class TorqueResponse(NamedTuple):
 
     y: Array  # (n,) of the motion
     scalar_slopes: Array  # (k, n) derivatives of the law's scalars by y
+    series_slopes: Array  # (size, n_e, n) of the deflections' coefficients by y, in units of the springs
+    rest: Affine  # (r,) of y: rates and accelerations of springs at both ends, over their largest
     torque: SplineFunction  # (n_a,) [N m] of the motion, motor side
     slopes: SplineFunction  # (n_a n,) derivatives of the torque by y
     speed: SplineFunction  # (n_a,) [rad] of the motors over d sigma/dt
+
+    @property
+    def holds_rest(self) -> bool:
+        """Whether springs carry inertia, and could move at the ends."""
+        return len(self.rest.offset) > 0
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
@@ -69,6 +79,8 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     linear = equations.linearise(state)
     # derivatives by y of the splines' coefficients and of the law's scalars
     by_y = linear.cancel_changes(F_y.reshape(-1, F_y.shape[2]))
+    rest_slopes = (linear.rest * linear.sizes) @ by_y
+    rest = Affine(rest_slopes, linear.rest_of(state) - rest_slopes @ clock.law.coefficients)
     series_by_y, scalar_slopes = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
     torque = torque_per_term @ terms[..., None]
@@ -81,7 +93,29 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     slopes = torque_per_term @ terms_by_y + np.sum(by_each_order, axis=0)
     # torque, slopes and speed, in the order of the fields
     functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, speed)]
-    return TorqueResponse(clock.law.coefficients, scalar_slopes, *functions)
+    return TorqueResponse(clock.law.coefficients, scalar_slopes, series_by_y, rest, *functions)
+
+
+def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: Array) -> KnownDeflections:
+    """Return deflections in balance under another law, to first order, on few cells.
+
+    Cells that were halved for one law would hold its vibrations under the next.
+
+    Args:
+        solution: the deflections of a law.
+        response: about this law.
+        y: (n,) coefficients of the other law.
+    """
+    state = solution.state
+    series = (state.series + response.series_slopes @ (y - response.y)) * solution.equations.units
+    splines = state.splines
+    if len(splines.cells) > MAX_CELLS_KEPT:
+        fine, splines = (
+            splines,
+            DeflectionSplines.uniform(splines.panels, FIRST_CELLS, continuity=splines.continuity),
+        )
+        series = splines.fit(fine.evaluate(series, splines.nodes.p))
+    return KnownDeflections(state.samples.clock, splines, series)
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:

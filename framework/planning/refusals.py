@@ -76,11 +76,13 @@ The optimal law:
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
     NoLaw: the springs give way at an end, at rest, or, to first order, along the path
+        planning.optimal.elastic_search.ElasticSearch
+    NotConverged: no law within all limits is resolved
         planning.optimal.optimal_motion.optimal_motion
     NotConverged: law and springs do not settle together
-        planning.optimal.optimal_motion.optimal_motion
+        planning.optimal.elastic_search.ElasticSearch
     NotConverged: springs do not start or stop at rest
-        planning.optimal.elastic_balance.check_rest
+        planning.optimal.elastic_search.ElasticSearch
 
 The motion, under either law or one of the user's own:
 

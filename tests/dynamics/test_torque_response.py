@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import ParallelRobot
 from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.torque_response import respond_to_law
+from framework.dynamics.torque_response import foresee_deflections, respond_to_law
 from framework.model.description import JointDynamics
 from framework.planning import scenes
 from framework.planning.crossing_points import PathToCross
@@ -47,6 +47,11 @@ def torques_of(task, law, deflections):
     return dynamics.torque(law.time(law.stretch.inverse(XI)))
 
 
+def at_xi(deflections):
+    """Deflections (67, n_e) at XI."""
+    return deflections.splines.evaluate(deflections.series, XI)
+
+
 @pytest.mark.parametrize(("name", "scene", "flexibility", "joints"), CASES)
 def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints):
     description = replace(robots.load(name).description, joints=joints)
@@ -67,14 +72,19 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
     change[:8] = 1e-4 * np.abs(law.coefficients).max() * np.random.default_rng(1).normal(size=8)
     conditions = response.scalar_slopes[:, :8]
     change[:8] -= np.linalg.pinv(conditions) @ (conditions @ change[:8])
-    beside, moved = [], []
+    beside, moved, bent = [], [], []
     for sign in (1.0, -1.0):
         shifted = replace(law, coefficients=law.coefficients + sign * change, duration=0.0)
         followed = find_law_in_balance(task, shifted, balance.deflections)
         beside.append(torques_of(task, followed[0], followed[1].deflections))
         moved.append(followed[0].coefficients)
+        bent.append(at_xi(followed[1].deflections))
     foreseen = slopes @ (moved[0] - moved[1])
     assert np.abs(beside[0] - beside[1] - foreseen).max() <= 1e-4 * np.abs(foreseen).max()
+    foreseen_bends = [at_xi(foresee_deflections(balance, response, y)) for y in moved]
+    difference = bent[0] - bent[1]
+    error = difference - (foreseen_bends[0] - foreseen_bends[1])
+    assert np.abs(error).max() <= 1e-4 * np.abs(difference).max()
     sigma = law.stretch.inverse(XI)
     motor_speed = certified(task, law, balance.deflections).motor_angle(law.time(sigma), 1)
     assert (

@@ -7,8 +7,9 @@
   (`framework.numerics.cone_program` solves it);
 * `best_law`: the smoothest law (`smooth_search`) that costs hardly more than the least (`least_cost`);
 * `undeformed_law`: the best law of a task, or the refusal of its limits;
-* `optimal_motion`: law and certified torques in turn; for elastic robots with `dynamics.torque_response`,
-  refused if `dynamics.static_fold` finds that springs give way;
+* `optimal_motion`: law and certified torques in turn (`certified_motion`);
+* `elastic_search`: the same for elastic robots with `dynamics.torque_response`, refused if
+  `dynamics.static_fold` finds that springs give way;
 * `elastic_balance`: the nearest law that an elastic robot can follow, with springs at rest at both ends;
 * `least_softening`: whether loads leave any law with deflections in balance;
 * `peak_bound`: bounds of every law by duality (`dual_program`);

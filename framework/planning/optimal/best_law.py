@@ -56,10 +56,7 @@ class Best(NamedTuple):
     @property
     def gap(self) -> float:
         """The cost divided by the least cost, minus 1; a law of least cost need not be smooth."""
-        goal = self.search.goal
-        least = self.search.least
-        least_cost = least.least_duration if goal == "time" else cost_of(goal, least)
-        return max(self.cost / least_cost - 1.0, 0.0)
+        return max(self.cost / self.search.least_cost - 1.0, 0.0)
 
 
 def find_best_law(
@@ -89,11 +86,20 @@ def find_best_law(
     return _search_smooth(SmoothSearch(program, units, least, share), is_least_new=True)
 
 
-def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
+def resume_law(
+    best: Best,
+    problem: LawProblem,
+    *,
+    share: float | None = None,
+    former_cost: float = 0.0,
+    part: float = 0.0,
+) -> Best | NoneFound:
     """Find the law of a problem similar to that of `best`, on the same cells and with the same rows.
 
     Args:
         share: of the least cost for smoothness; by default that of `best`.
+        former_cost: of a motion, over which the law is to gain.
+        part: of what the least cost gains over it, for smoothness if that is more than the share.
     """
     program = SpeedProgram.on_cells(problem, best.program.cells)
     if len(best.program.further_xi):
@@ -107,6 +113,8 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
         units=least_cost.units,
         share=share or best.search.share,
     )
+    gain = former_cost / search.least_cost - 1.0
+    search = search._replace(share=max(search.share, part * gain))
     return _search_smooth(search, best.speed, is_least_new=True)
 
 

@@ -81,6 +81,11 @@ class SmoothSearch(NamedTuple):
         return self.program.problem.specification.goal
 
     @property
+    def least_cost(self) -> float:
+        """The least cost; a duration by the quadrature of the program."""
+        return self.least.least_duration if self.goal == "time" else cost_of(self.goal, self.least)
+
+    @property
     def bounds(self) -> Bounds:
         """The bounds of a smooth law: the limits, and the least cost enlarged by the share for smoothness."""
         problem = self.program.problem

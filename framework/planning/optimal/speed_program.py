@@ -40,7 +40,7 @@ from framework.numerics.cone_program import (
 from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import LawProblem, MotorRows, condition_rows, motor_rows
 from framework.planning.optimal.path_series import cells_about
-from framework.tolerances import LIMIT_MARGIN
+from framework.tolerances import LIMIT_MARGIN, MAX_END_RATE
 
 # Gauss points of a cell, and of a cell about a crossing or at an end. Their number is even: none is in the
 # middle of the cell, where the pole is.
@@ -48,6 +48,7 @@ POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
 POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
 RMS_TOLERANCE = 1e-6  # of programs with RMS limits, whose squared torques may lie anywhere below loose limits
+REST_SHARE = 0.5  # of what springs may move at the ends
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 INTERNAL_WEIGHT = 1e-1  # of the bends of internal torques in the cost of a smooth law
 NO_INTERNAL = np.empty(0)
@@ -304,7 +305,7 @@ class SpeedProgram:
         capped = np.flatnonzero(np.isfinite(highest))
         if len(capped):
             nonnegative.append(AffineRows({"y": -positive[capped]}, highest[capped] * scale))
-        nonnegative += self._bound_integrals(bounds, units)
+        nonnegative += self._bound_integrals(bounds, units) + self._rest_rows(units)
         equal = [_scale_large_rows(conditions)]
         if about is not None:
             y_0, durations, is_equal = about
@@ -410,6 +411,18 @@ class SpeedProgram:
             weights = SparseRows.of(-self._inner_weights[None])
             rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
         return rows
+
+    def _rest_rows(self, units: Units) -> list[AffineRows]:
+        """Return bounds of rates and accelerations of springs at both ends, as rows that may not be negative.
+
+        There are none unless springs carry inertia.
+        """
+        response = self.problem.response
+        if response is None or not response.holds_rest:
+            return []
+        allowed = REST_SHARE * MAX_END_RATE
+        matrix = SparseRows.of(response.rest.matrix / (allowed * units.time**2))
+        return _bound_size(AffineRows({"y": matrix}, response.rest.offset / allowed), 1.0)
 
     def _rms_limits(self, drives: DriveLimits, bounds: Bounds) -> dict[int, float]:
         """Return the limits of RMS torques [N m], by motor.

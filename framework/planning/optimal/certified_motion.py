@@ -1,0 +1,84 @@
+"""A certified motion under an optimal law, and its cost by the goal of its task."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.dynamics.deflection_splines import KnownDeflections
+from framework.dynamics.drive_limits import curve_ratios
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.result import InverseDynamics
+from framework.laws.optimal_law import OptimalLaw
+from framework.planning.optimal.best_law import Best
+from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.smooth_search import NEARLY_REACHED
+from framework.planning.request import motor_peaks, share_within
+from framework.tolerances import PEAK_TORQUE_MISMATCH
+
+ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
+
+
+class OptimalMotion(NamedTuple):
+    """A certified motion, its law, and the optimum from which the law was made."""
+
+    dynamics: InverseDynamics
+    law: OptimalLaw
+    best: Best
+
+    def cost(self, goal: str) -> float:
+        """Return the duration [s], the peak torque over the reference, or the energy [s].
+
+        The energy is the integral of (torque / reference)^2, summed over the motors.
+        """
+        reference = self.best.reference
+        if goal == "time":
+            return self.dynamics.duration
+        if goal == "peak_torque":
+            return float((motor_peaks(self.dynamics)[0] / reference).max())
+        t = np.linspace(0.0, self.dynamics.duration, ENERGY_SAMPLES)
+        return float(np.trapezoid(((self.dynamics.torque(t) / reference) ** 2).sum(axis=1), t))
+
+    def describe_cost(self, goal: str) -> str:
+        """Describe the cost, such as `0.231 s`."""
+        if goal == "peak_torque":
+            peaks = motor_peaks(self.dynamics)[0]
+            unit = self.dynamics.robot.torque_units[int(peaks.argmax())]
+            return f"peak torque {peaks.max():.4g} {unit}"
+        cost = f"{self.cost(goal):.4g} s"
+        return cost if goal == "time" else f"energy {cost}"
+
+    @property
+    def has_predicted_peak(self) -> bool:
+        """Whether the peaks agree with the cone program's, within PEAK_TORQUE_MISMATCH.
+
+        They are the peak torque and, of curves that are nearly reached, the largest ratio.
+        """
+        if abs(self.cost("peak_torque") / self.best.peak - 1.0) >= PEAK_TORQUE_MISMATCH:
+            return False
+        program, y = self.best.program, self.best.speed.y
+        drives = program.problem.specification.drives
+        if drives is None:
+            return True
+        ratios = curve_ratios(self.dynamics, drives)[drives.has_curve]
+        predicted = np.array([curve(y).max() for curve in program.rows.curve])
+        is_off = np.abs(ratios - predicted) >= PEAK_TORQUE_MISMATCH
+        return not (is_off & (predicted > NEARLY_REACHED)).any()
+
+
+def resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
+    """Compute and certify the torques of a law along the path of a task.
+
+    Args:
+        known: deflections in balance; None to solve for the deflections.
+    """
+    dynamics = resolve(
+        task.to_cross.searched,
+        lambda _: law,
+        geometry=task.geometry,
+        tolerance=task.request.tolerance,
+        friction=task.request.friction,
+        known=known,
+    )
+    return share_within(dynamics, task.specification, optimal=True)
