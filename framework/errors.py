@@ -299,6 +299,10 @@ class NoAnswer(FrameworkError):
     proof: object = None
     evidence: object = None
 
+    def __post_init__(self) -> None:
+        """Store the message as text of the exception, by whatever arguments an error was made."""
+        self.args = (self.message,)
+
 
 @_with_attributes
 class NotAssembled(NoAnswer):

@@ -243,7 +243,8 @@ def _assemble_seeds(
     if len(refusals) < len(candidates):
         return count
     raise OutOfReach(
-        f"{robot.name}: no pose of the map near the reference is reached from there: {refusals[0]}",
+        f"no pose of the map near the reference is reached from there: {refusals[0].sentence}",
+        name=robot.name,
         q=robot.reference.q,
         residual=robot.reference.residual,
         s=0.0,

@@ -448,7 +448,7 @@ def check_reference(robot: ParallelRobot) -> None:
     beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in beyond.items())
-        raise LimitsExceeded(f"{robot.name}: the reference is beyond ranges: {listed}", exceeded=beyond)
+        raise LimitsExceeded(f"the reference is beyond ranges: {listed}", name=robot.name, exceeded=beyond)
 
 
 def check_window(robot: ParallelRobot, window: Window) -> None:
@@ -488,8 +488,9 @@ def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
     nearest = np.argmin(distance)
     if distance.flat[nearest] > 1.0:  # farther than one step, the longest cell edge
         raise LimitsExceeded(
-            f"{workspace.robot.name}: no pose of the map within one step of the reference is within all "
-            f"limits; take a finer map, or leave the limits out",
+            "no pose of the map within one step of the reference is within all "
+            "limits; take a finer map, or leave the limits out",
+            name=workspace.robot.name,
             exceeded={},
         )
     from scipy.ndimage import label  # slow to import

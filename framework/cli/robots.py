@@ -149,8 +149,9 @@ def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None
     if not diagnosis.assembled:
         instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
         return NotAssembled(
-            f"{diagnosis.robot}: the loops do not close near {reference}; they do at the pose that is "
+            f"the loops do not close near {reference}; they do at the pose that is "
             f"printed as reference{instead}",
+            name=diagnosis.robot,
             q=np.array(list(diagnosis.reference.values())),
             residual=diagnosis.gap_at_reference,
         ).advising({"reference": diagnosis.reference} if diagnosis.square else None)

@@ -255,7 +255,7 @@ class _VariedRobots(NamedTuple):
             start = stepper.start(q, np.tile(planned, copies), torque, world=world)
         except NotAssembled as error:
             raise InvalidInput(
-                f"places: with so large a spread a robot cannot be assembled: {error}"
+                f"places: with so large a spread a robot cannot be assembled: {error.sentence}"
             ) from None
 
         # delays, at most the whole motion; noise of the encoders; friction, in shares of the peak torques

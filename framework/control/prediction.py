@@ -147,9 +147,8 @@ class LinearModels(NamedTuple):
     def _close_loop(self, controller: Controller, loop: ControlLoop) -> tuple[Feedback, list[Plant]] | None:
         """Return the feedback of a controller, and the robots with its readings; None unless linear."""
         robot, models = self.reference.robot, (*self.within, *self.ends)
-        if (
-            isinstance(controller, FeedforwardPD) and not controller.integral
-        ):  # of angles and speeds of motors
+        if isinstance(controller, FeedforwardPD) and not controller.integral:
+            # of angles and speeds of motors
             gain = motor_gains(self.reference, models[0], controller.feedback)
             delay = loop.delayed_periods(self.reference.period)
             return Feedback(gain, delay, None, predicts=False), [Plant.of(model) for model in models]

@@ -86,7 +86,8 @@ def plan_robustly(
         try:
             best = judge(make_plan(high), high)
         except NoAnswer as refusal:
-            raise NoAnswer(f"robust: {reasons[-1]}, and with a margin of {high:.1%} {refusal}") from None
+            with_margin = f"with a margin of {high:.1%} {refusal.sentence}"
+            raise NoAnswer(f"robust: {reasons[-1]}, and {with_margin}") from None
         if best is None:
             low, high = high, 2 * high
     if best is None:

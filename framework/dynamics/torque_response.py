@@ -110,11 +110,8 @@ def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: 
     series = (state.series + response.series_slopes @ (y - response.y)) * solution.equations.units
     splines = state.splines
     if len(splines.cells) > MAX_CELLS_KEPT:
-        fine, splines = (
-            splines,
-            DeflectionSplines.uniform(splines.panels, FIRST_CELLS, continuity=splines.continuity),
-        )
-        series = splines.fit(fine.evaluate(series, splines.nodes.p))
+        splines = DeflectionSplines.uniform(splines.panels, FIRST_CELLS, continuity=splines.continuity)
+        series = splines.fit(state.splines.evaluate(series, splines.nodes.p))
     return KnownDeflections(state.samples.clock, splines, series)
 
 

@@ -145,9 +145,10 @@ class FidelityStudy(ReadOnlyArrays):
             return None
         if self.neglected_work > self.tolerance:
             return NoAnswer(
-                f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: dry friction that "
+                f"no model is accurate to {100 * self.tolerance:g} %: dry friction that "
                 f"none of them has ({self.highest.neglected_friction}) takes "
-                f"{100 * self.neglected_work:.2g} % of the motors' work"
+                f"{100 * self.neglected_work:.2g} % of the motors' work",
+                name=self.robot.name,
             )
         most_detailed = [level for level in self.levels if level.motion is not None][-1]
         deviation = f"leave the path by {100 * most_detailed.platform:.2g} % of its length"
@@ -158,9 +159,10 @@ class FidelityStudy(ReadOnlyArrays):
             else "without feedback, errors of rounding and integration grow along this motion"
         )
         return NoAnswer(
-            f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
+            f"no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
             f"simulation even the torques of the most detailed one, {most_detailed.level.name}, {failure}; "
-            f"{cause}"
+            f"{cause}",
+            name=self.robot.name,
         )
 
     def to_dict(self) -> Document:

@@ -194,7 +194,7 @@ class ReferenceMotion:
                 lost = f"{100 * self.max_error:.3g} % off its path, and lost, at t = {end:.4g} s"
                 reason = f"{lost}, s = {float(motion.law(end)):.4g}"
         except NoAnswer as failure:
-            reason = f"no simulation: {failure}"
+            reason = f"no simulation: {failure.sentence}"
         self.seconds += time.perf_counter() - started
         torque_error = self._torque_error(motion, self.plan.dynamics)
         return Comparison(level, motion, torque_error, platform_error, reason)

@@ -206,7 +206,8 @@ def compute_level_motions(
             model = ModelOnMotion.of(plan.dynamics, robot_at_level(description, level))
             dynamics = model.resolve(level.geometry)
         except NoAnswer as refusal:
-            motions[level.name] = LevelMotion(dynamics=None, seconds=0.0, reason=f"no torques: {refusal}")
+            reason = f"no torques: {refusal.sentence}"
+            motions[level.name] = LevelMotion(dynamics=None, seconds=0.0, reason=reason)
         else:
             motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
     return motions

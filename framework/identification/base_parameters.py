@@ -229,8 +229,9 @@ def _base_parameters(robot: ParallelRobot, massless: bool) -> BaseParameters:
     least_clear = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
         raise NotConverged(
-            f"{robot.name}: random instants give base parameters of rank {', '.join(map(str, ranks))}; the "
+            f"random instants give base parameters of rank {', '.join(map(str, ranks))}; the "
             f"singular values leave no clear gap",
+            name=robot.name,
             residual=1.0 / least_clear.gap,
         )
 
@@ -296,7 +297,8 @@ def random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) 
     if has_moved.all():
         return q, x
     raise NotAssembled(
-        f"{robot.name}: the loops close at no pose beside the reference",
+        "the loops close at no pose beside the reference",
+        name=robot.name,
         q=robot.reference.q,
         residual=robot.reference.residual,
     )

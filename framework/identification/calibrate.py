@@ -270,16 +270,18 @@ def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float
     """
     if noise_ratio > MAX_NOISE_RATIO:
         raise NotConverged(
-            f"{geometry.robot.name}: the residual of the data is {noise_ratio:.3g} times the assumed noise; "
+            f"the residual of the data is {noise_ratio:.3g} times the assumed noise; "
             f"raise length_error or angle_error, give the noise, or look at the data",
+            name=geometry.robot.name,
             residual=noise_ratio,
         )
     worst = np.abs(prior_ratios).argmax()
     largest = float(abs(prior_ratios[worst]))
     if largest > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
-            f"{geometry.robot.name}: {geometry.names[worst]} would differ from the file by {largest:.3g} "
+            f"{geometry.names[worst]} would differ from the file by {largest:.3g} "
             f"times the file's assumed error; raise length_error or angle_error, or look at the data",
+            name=geometry.robot.name,
             residual=largest,
         )
 
@@ -300,8 +302,9 @@ def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, valu
     if not poses.closed.all():
         worst = np.argmin(poses.closed)
         raise NotConverged(
-            f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
+            f"at pose {worst + 1} of those held out the loops do not close at the measured "
             f"motor angles; these data are of another robot, or the file is too far off",
+            name=model.name,
             residual=float(poses.linearised.gap[worst]),
         )
     frames = poses.linearised.frames
@@ -459,8 +462,9 @@ def fit_geometry(
         if np.abs(change / prior).max() < converged:
             return _with_deviations(equations, values, prior, state, steps)
     raise NotConverged(
-        f"{model.name}: calibration does not converge after {steps} steps; the file is too "
+        f"calibration does not converge after {steps} steps; the file is too "
         f"far off for these data, or they are of another robot",
+        name=model.name,
         residual=cost,
     )
 

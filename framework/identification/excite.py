@@ -124,8 +124,9 @@ class Excitation(ReadOnlyArrays):
         if self.shown:
             return None
         return NoAnswer(
-            f"{self.robot.name}: no motion that was tried shows any of what is asked apart from the rest; "
-            f"crossing identify --all names the sums that torques show"
+            "no motion that was tried shows any of what is asked apart from the rest; "
+            "crossing identify --all names the sums that torques show",
+            name=self.robot.name,
         )
 
     def to_dict(self) -> Document:
@@ -341,7 +342,9 @@ def _search(
             break
         z = 0.5 * z
     if isinstance(best, str):
-        raise NoAnswer(f"{robot.name}: no motion near the reference keeps the limits: however small, {best}")
+        raise NoAnswer(
+            f"no motion near the reference keeps the limits: however small, {best}", name=robot.name
+        )
     step = largest_step
     first = shares = design.deviation_shares(best)
     for k in range(trials):
@@ -379,7 +382,7 @@ def _complete(design: _Design, z: Array, q: Array, rate: float) -> PeriodicMotio
                 return join([part for part in parts if isinstance(part, PeriodicMotion)])
             motion = refused[0]
         z = 0.97 * z
-    raise NoAnswer(f"{design.robot.name}: the motion found does not keep the limits: {motion}")
+    raise NoAnswer(f"the motion found does not keep the limits: {motion}", name=design.robot.name)
 
 
 # ------------------------------------------------------------------ the check by simulation

@@ -151,8 +151,8 @@ class Identification(ReadOnlyArrays):
         if not self.rivals:
             return None
         return NotIdentified(
-            f"{self.robot.name}: the twin predicts the torques held out no better than {self.rivals[0]}; "
-            f"{self._find_reason()}",
+            f"the twin predicts the torques held out no better than {self.rivals[0]}; {self._find_reason()}",
+            name=self.robot.name,
         )
 
     def _find_reason(self) -> str:

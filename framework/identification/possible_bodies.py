@@ -54,7 +54,8 @@ def fit_possible_parameters(
     y = least_norm_semidefinite(cones, Affine(spread[motors] / sizes[:, None], best[motors] / sizes))
     if isinstance(y, Unsolved):
         raise NotConverged(
-            f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
+            f"no parameters of bodies that can exist were found ({y.status})",
+            name=robot.name,
             residual=float(np.linalg.norm(found.values)),
         )
 

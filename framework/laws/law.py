@@ -77,7 +77,8 @@ class MotionLaw(Protocol):
 class Ends(NamedTuple):
     """The derivatives of s at both ends of a law: s', s", ... [1/s^order]; none at an end at rest.
 
-    Derivatives beyond the last stated one vanish, up to the smoothness of the law; it may be exceeded.
+    Derivatives beyond the last stated one vanish, up to the smoothness of the law. More than these may be
+    stated.
     """
 
     start: tuple[float, ...] = ()

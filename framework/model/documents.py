@@ -57,11 +57,12 @@ def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -
     """
     try:
         yield
-    except MissingPackage as error:
-        raise MissingPackage(str(error), package=error.package).naming(str(path)) from None
     except InvalidInput as error:
         is_named = error.name == str(path)  # by an inner block
-        raise kind(error.sentence if is_named else str(error)).naming(str(path)) from None
+        message = error.sentence if is_named else str(error)
+        if isinstance(error, MissingPackage):
+            raise MissingPackage(message, package=error.package).naming(str(path)) from None
+        raise kind(message).naming(str(path)) from None
     except RecursionError:
         raise kind("nested too deeply").naming(str(path)) from None
 

@@ -33,8 +33,8 @@ class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
     searched: the path with its singular points, under the wrenches of the request.
-    crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user, each
-        with the condition of the undeformed robot; so have those singular points at which it is to hold.
+    crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user. They
+        have the condition of the undeformed robot, and so have singular points of `searched` at these s.
     explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 

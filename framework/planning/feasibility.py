@@ -279,5 +279,5 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     try:
         best = find_undeformed_law(Task(to_cross, open_request, specification))
     except (NoLaw, NotConverged) as refusal:
-        return OptimalDurations(None, str(refusal))
+        return OptimalDurations(None, refusal.sentence)
     return OptimalDurations(best.law.duration)

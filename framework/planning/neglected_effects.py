@@ -388,7 +388,7 @@ def _measure_effect(
     try:
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
-        return NeglectedEffect(f"{effect}: no number, {failure}")
+        return NeglectedEffect(f"{effect}: no number, {failure.sentence}")
     if not np.all(np.isfinite(largest)):
         return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / peaks

@@ -125,7 +125,8 @@ def _resolve_deformed(
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    high = undeformed.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
+    least_degree = request.ends.least_degree(request.smoothness, len(timing))
+    high = undeformed.coefficients[least_degree + 1 :]
     times = np.array([time for time, _ in timing])
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
@@ -159,8 +160,9 @@ def _resolve_deformed(
         if raised is None:
             raise
         advancing, timing = raised
-        high = advancing.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
-        law = _solve_law(to_cross.crossing_points, timing, request, high)
+        law = _solve_law(
+            to_cross.crossing_points, timing, request, advancing.coefficients[least_degree + 1 :]
+        )
         return _resolve_deformed(to_cross, request, options, law, timing, raises_left=raises_left - 1)
     return dynamics, timing, () if request.at else tracker.crossings
 
@@ -169,9 +171,9 @@ def _reason_for_law(law: Law, request: Request, least_degree: int) -> str:
     """Return why a request has this polynomial, in words."""
     speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
     if request.kind != "polynomial":
-        return (
-            "the polynomial advances" if speed_ratio > 0 else "the polynomial, though it overshoots its ends"
-        )
+        if speed_ratio > 0:
+            return "the polynomial advances"
+        return "the polynomial, though it overshoots its ends"
     reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     if law.degree > least_degree:
         reason += f"; that of the least degree, {least_degree}, does not advance at the times given"

@@ -331,24 +331,23 @@ def check_advance(law: MotionLaw, s: Sequence[float]) -> None:
         NoLaw: the law has such a fault; the message has its s and time.
     """
     times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
-    place, ds = law_derivatives(law, times, 2)
-    largest_speed = np.abs(ds).max()
-    is_backwards = (place > 0) & (place < 1) & (ds < -AT_REST * largest_speed)
-    fault = ""
-    for end, overshoot in ((0.0, -place), (1.0, place - 1.0)):  # how far the law is beyond the end
+    position, speed = law_derivatives(law, times, 2)
+    faults = list[str]()  # the first is stated
+    for end, overshoot in ((0.0, -position), (1.0, position - 1.0)):  # how far the law is beyond the end
         worst = np.argmax(overshoot)
-        if not fault and overshoot[worst] > OVERSHOOT:
-            fault = (
-                f"leaves the path at s = {end:g}, up to s = {place[worst]:.4g} at t = {times[worst]:.4g} s"
-            )
-    if not fault and is_backwards.any():
+        if overshoot[worst] > OVERSHOOT:
+            farthest = f"s = {position[worst]:.4g} at t = {times[worst]:.4g} s"
+            faults.append(f"leaves the path at s = {end:g}, up to {farthest}")
+    is_inside = (position > 0) & (position < 1)
+    is_backwards = is_inside & (speed < -AT_REST * np.abs(speed).max())
+    if is_backwards.any():
         first = np.argmax(is_backwards)
-        fault = f"runs backwards at t = {times[first]:.4g} s, s = {place[first]:.4g}"
+        faults.append(f"runs backwards at t = {times[first]:.4g} s, s = {position[first]:.4g}")
     for singular in s:
-        meetings = times[:-1][np.diff(place > singular)]  # [s] samples after which the law passes the point
-        if not fault and len(meetings) > 1:
+        meetings = times[:-1][np.diff(position > singular)]  # [s] samples after which it passes the point
+        if len(meetings) > 1:
             instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
-            fault = f"meets the singular point s = {singular:.6g} {instants}"
-    if fault:
+            faults.append(f"meets the singular point s = {singular:.6g} {instants}")
+    if faults:
         clauses = ("choose other times or speeds",)
-        raise NoLaw(f"the law does not always advance: it {fault}", clauses=clauses)
+        raise NoLaw(f"the law does not always advance: it {faults[0]}", clauses=clauses)

@@ -95,7 +95,7 @@ def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
         series = {key: coefficients(values.reshape(count, -1)) for key, values in samples.items()}
         if max(map(tail, series.values())) < SERIES_TAIL:  # relative size of the last coefficients
             return series
-    raise NoAnswer(f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson")
+    raise NoAnswer("the path is too near another singularity for a lesson", name=crossing.robots["off"].name)
 
 
 def _sample_functions(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:

@@ -164,14 +164,16 @@ def consistent_state(
     open_gap = EXPORT_ROUNDING if robot.rounded.names else LOOP_GAP
     if not np.all(gaps <= open_gap * robot.row_lengths):
         raise NotAssembled(
-            f"{robot.name}: the start is not assembled: a loop stays {gap:.3g} m or rad apart",
+            f"the start is not assembled: a loop stays {gap:.3g} m or rad apart",
+            name=robot.name,
             q=q,
             residual=gap,
         )
     if not size < LOOP_GAP:
         raise NotConverged(
-            f"{robot.name}: the springs of the massless parts find no balance at the start (the last Newton "
+            f"the springs of the massless parts find no balance at the start (the last Newton "
             f"step was {size:.3g} rad or robot lengths)",
+            name=robot.name,
             residual=size,
         )
     return State(q, allowed_velocity(equations, tangent, v))

@@ -138,9 +138,10 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
         # the error grows with the square of h: advise a step with a tenth of the error allowed
         advised = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
         raise NotConverged(
-            f"{robot.name}: steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
+            f"steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
             f"unresolved; as the error falls with the square of the step, about {advised:.1g} s leave a "
             f"tenth of what is allowed (method stiff chooses its steps)",
+            name=robot.name,
             residual=error,
         )
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
@@ -177,8 +178,9 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
             end = stepper.step(q, v, torque, h, world=world)
             if not all(np.all(np.isfinite(part)) for part in end):
                 raise NotConverged(
-                    f"{robot.name}: the simulation runs away at t = {edges[k]:.9g} s, or its equations are "
+                    f"the simulation runs away at t = {edges[k]:.9g} s, or its equations are "
                     f"singular there; the steps are of {h:.3g} s (method stiff chooses its own)",
+                    name=robot.name,
                     residual=float(edges[k]),
                 )
             states.append(end)

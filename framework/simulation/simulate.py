@@ -245,9 +245,10 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
         instant = int(np.argmax(is_torn.any(axis=1)))  # the first
         row = int(redundant[np.argmax(is_torn[instant])])
         raise NotAssembled(
-            f"{robot.name}: the simulation tears a loop: {robot.rows.names[row]}, which repeats other loop "
+            f"the simulation tears a loop: {robot.rows.names[row]}, which repeats other loop "
             f"equations at the reference, is open by {gaps[instant, row]:.3g} m or rad at t = "
             f"{times[instant]:.6g} s; give a reference that lies on the motion",
+            name=robot.name,
             q=q[instant],
             residual=float(gaps[instant, row]),
         )

@@ -162,9 +162,10 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
     `why` ends the first sentence of the message.
     """
     return NotConverged(
-        f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
+        f"the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
         f"known beforehand go into breaks, a controller that switches needs method fast",
+        name=equations.robot.name,
         residual=time,
     )
 

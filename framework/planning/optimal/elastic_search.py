@@ -3,10 +3,10 @@
 An elastic robot cannot follow every law. A law is replaced by the nearest series with deflections in balance
 (`elastic_balance`), and its motion is certified by inverse dynamics.
 
-The first law is a smooth one of the undeformed robot. Several are tried in turn, each smoother than the one
-before, until deflections are resolved and springs are at rest at both ends. About a motion in balance,
-torques and what springs move at the ends are linear in the law (`torque_response`). A cone program with
-these rows gives the next law, as long as the certified motion gains by it.
+The first law is a smooth one of the undeformed robot. Several are tried in turn, each smoother than the last
+one, until deflections are resolved and springs are at rest at both ends. About a motion in balance, torques
+and the motion of springs at the ends are linear in the law to first order (`torque_response`). A cone program
+with these rows gives the next law, as long as the certified motion gains by it.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ FREE = (Start(SMOOTHNESS_COST), CAPPED[0], Start(1e-2, 12.0), *CAPPED[1:])
 class Iterate:
     """A certified motion and its balance.
 
-    balance: None with geometry rigid, where `resolve` finds the deflections.
+    balance: deflections in balance; None with geometry rigid, where `resolve` finds the deflections.
     excess: the largest ratio of a torque or speed to its limit.
     rest: the largest motion of a spring at an end (`measure_rest`).
     """
@@ -180,6 +180,7 @@ class ElasticSearch:
         failure: NoAnswer | None = None  # the first one
         least_excess = np.inf
         former: tuple[Start, Best] | None = None
+        is_deformed = self.task.follows_balance
         is_series = True  # whether z may be one series; lower caps leave no more of these
         for start in self.starts:
             if start.degree is not None and not is_series:
@@ -196,9 +197,8 @@ class ElasticSearch:
                 continue
             former = start, law
             is_found = False
-            deformed = self.task.follows_balance
             try:
-                for iterate in self._improve(law) if deformed else self._keep_limits(start, law):
+                for iterate in self._improve(law) if is_deformed else self._keep_limits(start, law):
                     least_excess = min(least_excess, iterate.excess)
                     if iterate.worst <= 1.0:
                         is_found = True
@@ -206,7 +206,7 @@ class ElasticSearch:
             except FAILURES as reason:
                 if isinstance(reason, SpringsTooSoft):
                     raise
-                if failure is None and deformed and not isinstance(reason, NoLaw):
+                if failure is None and is_deformed and not isinstance(reason, NoLaw):
                     self._check_ends()
                     self._check_softening(law)
                 failure = failure or reason

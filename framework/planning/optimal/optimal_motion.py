@@ -2,8 +2,6 @@
 
 A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2, splines or one series. A rigid robot
 usually needs one law. For elastic robots see `elastic_search`.
-
-A refusal of limits advises others after a motion was certified with them.
 """
 
 from __future__ import annotations
@@ -57,7 +55,8 @@ def optimal_motion(task: Task) -> OptimalMotion:
             sought = _try_remedies(task, _count_drives(task, refusal.evidence))
             numbers = () if isinstance(refusal.proof, HoldingTorque) else sought.clauses
             advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
-            refusal.clauses, refusal.evidence = (*numbers, *advice), sought
+            refusal.clauses = (*numbers, *advice)
+            refusal.evidence = sought
         raise
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)

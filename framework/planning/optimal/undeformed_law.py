@@ -364,7 +364,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
         problem = problem.with_goal(problem.specification.goal, drives=None)
         if isinstance(settle_tangents(problem, points), Best):
             words = "no law of free shape was found within torque-speed curves and RMS torques"
-            return NotConverged(f"{words}", name=name, residual=np.inf)
+            return NotConverged(words, name=name, residual=np.inf)
     holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
