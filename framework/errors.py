@@ -301,7 +301,7 @@ class NoAnswer(FrameworkError):
 
     def __post_init__(self) -> None:
         """Store the message as text of the exception, by whatever arguments an error was made."""
-        self.args = (self.message,)
+        super().__init__(self.message)
 
 
 @_with_attributes
