@@ -59,7 +59,7 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
     q = np.repeat(robot.q_near[None], 2, axis=0) + 0.1 * rng.standard_normal((2, robot.model.nq))
     v = rng.standard_normal((2, robot.model.nv))
     at = frames_at(robot, q)
-    # first differences are wrong by h^2 and eps / h, second ones by h^2 and eps / h^2: these take a longer step
+    # errors of first differences are h^2 and eps / h, of second ones h^2 and eps / h^2: a longer step
     h, long = 1e-5, 4e-5
 
     def differences(values):
