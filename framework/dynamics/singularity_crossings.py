@@ -308,9 +308,8 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
         return
     unit = "N" if np.any(worst.twist[robot.translations]) else "N m"
     raise UnboundedTorque(
-        f"unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
-        f"{robot.place(worst.platform)}: a Type 2 singularity with "
-        f"t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
+        f"unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, {robot.place(worst.platform)}: a "
+        f"Type 2 singularity with t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
         name=robot.name,
         time=worst.time,
         s=worst.s,

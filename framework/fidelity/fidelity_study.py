@@ -159,9 +159,8 @@ class FidelityStudy(ReadOnlyArrays):
             else "without feedback, errors of rounding and integration grow along this motion"
         )
         return NoAnswer(
-            f"no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
-            f"simulation even the torques of the most detailed one, {most_detailed.level.name}, {failure}; "
-            f"{cause}",
+            f"no model is accurate to {100 * self.tolerance:g} %: in the full elastic simulation even the "
+            f"torques of the most detailed one, {most_detailed.level.name}, {failure}; {cause}",
             name=self.robot.name,
         )
 

@@ -389,10 +389,9 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
         share: share of the recording before the singularity.
     """
     return Type2Singularity(
-        f"the recorded motors pass a Type 2 singularity or come near one beside "
-        f"{robot.place(x)}, where they do not determine how the robot continues; the poses "
-        f"must come from the measured platform (platform_{robot.axis_names[0]} ...), or the motion begins "
-        f"elsewhere than the reference (--start)",
+        f"the recorded motors pass a Type 2 singularity or come near one beside {robot.place(x)}, where they "
+        "do not determine how the robot continues; the poses must come from the measured platform "
+        f"(platform_{robot.axis_names[0]} ...), or the motion begins elsewhere than the reference (--start)",
         name=robot.name,
         q=q,
         residual=residual,

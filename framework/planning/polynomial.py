@@ -427,9 +427,8 @@ def choose_timing(
     if score <= 0:
         or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
         raise NoLaw(
-            f"no law that always advances found through s = "
-            f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
-            f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
+            f"no law that always advances found through s = {', '.join(f'{value:.6g}' for value in s)}, "
+            f"tried t = {', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
             f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s",
             clauses=(f"give other times, speeds or another duration{or_optimal}",),
         )

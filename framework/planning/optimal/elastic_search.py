@@ -449,10 +449,9 @@ class ElasticSearch:
             if compliance is not None:
                 stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)  # over the robot's stiffness
                 raise NoLaw(
-                    f"at rest at s = {s:g} the springs give way: as they get softer, "
-                    f"deflections turn back at {1.0 / compliance:.3g} times their stiffness, so that no law "
-                    f"was found on the branch of the rigid robot; springs {stiffer:.3g} times as stiff hold "
-                    f"at this end",
+                    f"at rest at s = {s:g} the springs give way: as they get softer, deflections turn back "
+                    f"at {1.0 / compliance:.3g} times their stiffness, so that no law was found on the "
+                    f"branch of the rigid robot; springs {stiffer:.3g} times as stiff hold at this end",
                     name=self.task.robot.name,
                     evidence=StaticFold(s, compliance),
                 )
