@@ -400,12 +400,12 @@ class Stepper:
         scratch = scratch_of(self.robot)
         runs, nv = v.shape
         placements = np.empty((runs, *scratch.placements.shape))  # (R, frames of the model, 12)
-        screws = np.empty((runs, *scratch.screws.shape))
-        twists = np.empty((2, runs, *scratch.velocities.shape))  # and their rates
+        screws = np.empty((runs, *scratch.screws.shape))  # (R, nv, 6)
+        twists = np.empty((2, runs, *scratch.velocities.shape))  # (2, R, bodies, 6) and their rates
         bias, rest = np.empty_like(v), np.zeros(nv)
         for k, model in enumerate(self._models(runs)):
             bias[k] = pin.nonLinearEffects(model, scratch.data, q[k], v[k])
-            # which computes placements and screws, too
+            # screws, twists and their rates; then placements
             pin.computeForwardKinematicsDerivatives(model, scratch.data, q[k], v[k], rest)
             pin.updateFramePlacements(model, scratch.data)
             placements[k], screws[k] = scratch.placements, scratch.screws

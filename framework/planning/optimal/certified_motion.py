@@ -67,11 +67,17 @@ class OptimalMotion(NamedTuple):
         return not (is_off & (predicted > NEARLY_REACHED)).any()
 
 
-def resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
-    """Compute and certify the torques of a law along the path of a task.
+def certify_motion(
+    task: Task, law: OptimalLaw, best: Best, known: KnownDeflections | None = None
+) -> OptimalMotion:
+    """Compute and certify the motion of a law along the path of a task.
 
     Args:
+        best: the optimum from which the law was made.
         known: deflections in balance; None to solve for the deflections.
+
+    Raises:
+        NoAnswer: as `inverse_dynamics`.
     """
     dynamics = resolve(
         task.to_cross.searched,
@@ -81,4 +87,4 @@ def resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> 
         friction=task.request.friction,
         known=known,
     )
-    return share_within(dynamics, task.specification, optimal=True)
+    return OptimalMotion(share_within(dynamics, task.specification, optimal=True), law, best)

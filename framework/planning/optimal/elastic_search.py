@@ -21,7 +21,6 @@ import numpy as np
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.restoration import BalanceSolution
-from framework.dynamics.result import InverseDynamics
 from framework.dynamics.static_fold import find_static_fold
 from framework.dynamics.torque_response import TorqueResponse, foresee_deflections, respond_to_law
 from framework.errors import (
@@ -34,10 +33,10 @@ from framework.errors import (
     format_distinct,
     round_up,
 )
-from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
-from framework.planning.optimal.certified_motion import OptimalMotion, resolve_law
+from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_balance import find_law_in_balance, measure_rest
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_softening import find_least_softening
@@ -243,13 +242,13 @@ class ElasticSearch:
         Raises:
             NoLaw, NotConverged: as `solve_problem`; explained only for splines, which are tried last.
         """
-        problem = self._problem(share, None, is_explained=start.degree is None and share == 1.0)
-        about = similar or self.first_law  # drives are linearised about it
+        is_explained = start.degree is None and share == 1.0
+        problem = self._problem(share, None, is_explained=is_explained)._replace(degree=start.degree)
+        about = similar or self.first_law  # about which drives are linearised
         if self.first_law is not None:
             problem = problem._replace(z0=self.first_law.law.squared_speed)
         if about is not None and problem.averages_open_duration:
             problem = problem._replace(average_over=suggest_time(about))
-        problem = problem._replace(degree=start.degree)
         duration = self.task.specification.duration
         if duration is None and start.max_squared_speed < np.inf:
             similar = similar or solve_problem(problem, share=start.share)
@@ -307,15 +306,15 @@ class ElasticSearch:
         costs its share, is cheaper, or where the excess does not fall.
         """
         following = self.starts[self.starts.index(start) + 1 :]
-        dearest = following[0].share if following else np.inf
-        share, former = 1.0, np.inf
+        next_cost = following[0].share if following else np.inf  # share of the least
+        share = 1.0
+        former = np.inf  # excess
         for _ in range(MAX_STEPS):
-            dynamics = resolve_law(self.task, law.law, None)
-            iterate = self._measure(OptimalMotion(dynamics, law.law, law), None)
+            iterate = self._measure(certify_motion(self.task, law.law, law), None)
             if iterate.rest > 1.0:
                 raise self._refuse_rest(iterate.rest)
             yield iterate
-            if iterate.excess <= 1.0 or np.sqrt(iterate.excess) - 1.0 > dearest or iterate.excess >= former:
+            if iterate.excess <= 1.0 or np.sqrt(iterate.excess) - 1.0 > next_cost or iterate.excess >= former:
                 return
             share *= (1.0 - LIMIT_TIGHTENING) / iterate.excess
             former = iterate.excess
@@ -324,8 +323,8 @@ class ElasticSearch:
     def _improve(self, law: Best) -> Iterator[Iterate]:
         """Yield motions in balance: under the law nearest to a first one, and under better laws.
 
-        Torques are linear about the last motion, also about one that is not within limits or at rest, as long
-        as it gets nearer to that. After a failure the next law is sought nearer to the best motion.
+        Torques are linearised about the last motion, also if it exceeds limits or is not at rest, as long as
+        it does so less than the one before. After a failure the next law is sought nearer to the best motion.
         """
         goal = self.task.specification.goal
         about = self._balance_law(law, None)
@@ -394,13 +393,13 @@ class ElasticSearch:
         for _ in range(MAX_PLACE_STEPS):
             law, balance = find_law_in_balance(self.task, law, previous, places)
             previous = balance.deflections
-            dynamics = resolve_law(self.task, law, previous)
-            if self._meets_requirements(law, dynamics):
-                iterate = self._measure(OptimalMotion(dynamics, law, best), balance)
+            motion = certify_motion(self.task, law, best, previous)
+            if self._meets_requirements(motion):
+                iterate = self._measure(motion, balance)
                 if iterate.rest > MAX_FOLLOWED_REST:
                     raise self._refuse_rest(iterate.rest)
                 return iterate
-            places = [crossing.s for crossing in dynamics.crossings]
+            places = [crossing.s for crossing in motion.dynamics.crossings]
         raise NotConverged(
             f"no law found has the required times and speeds where the deflected robot is singular, "
             f"in {MAX_PLACE_STEPS} passes",
@@ -423,11 +422,11 @@ class ElasticSearch:
             residual=rest,
         )
 
-    def _meets_requirements(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
+    def _meets_requirements(self, motion: OptimalMotion) -> bool:
         """Return whether a motion has the required times and speeds at its crossings."""
         request = self.task.request
-        times = [crossing.time for crossing in dynamics.crossings]
-        speeds = [law(time, 1) for time in times]
+        times = [crossing.time for crossing in motion.dynamics.crossings]
+        speeds = [motion.law(time, 1) for time in times]
         return all(
             required is None or bool(np.allclose(found, required, rtol=allowed, atol=0.0))
             for found, required, allowed in (

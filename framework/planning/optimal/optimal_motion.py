@@ -13,7 +13,7 @@ from typing import Any
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
 from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
-from framework.planning.optimal.certified_motion import OptimalMotion, resolve_law
+from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_search import ElasticSearch
 from framework.planning.optimal.optimal_task import (
     Task,
@@ -64,7 +64,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
 
 
 def _count_drives(task: Task, evidence: SearchEvidence) -> SearchEvidence:
-    """Return the evidence of a search without limits of drives with the least duration within these, too."""
+    """Return the evidence with the least duration found within the limits of drives, too."""
     if task.specification.drives is None or evidence.quickest is None:
         return evidence
     motion = _try_motion(task, goal="time", duration=None, longest=None)
@@ -201,14 +201,14 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
     """
     for _ in range(MAX_PASSES):
         try:
-            dynamics = resolve_law(task, best.law, None)
+            motion = certify_motion(task, best.law, best)
         except UnboundedTorque as failure:  # condition (8) is met, but for rounding
             raise NotConverged(
                 failure.sentence, name=failure.name, residual=abs(failure.wrench), s=failure.s
             ) from None
-        excess = limit_excess(dynamics, task.specification)
+        excess = limit_excess(motion.dynamics, task.specification)
         if excess <= 1.0:
-            return OptimalMotion(dynamics, best.law, best)
+            return motion
         best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(
         f"no law within all limits is resolved in {MAX_PASSES} passes",

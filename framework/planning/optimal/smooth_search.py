@@ -202,7 +202,8 @@ class SmoothSearch(NamedTuple):
             law = self._descend_at_instants(similar, "curvature", own)
             if law is not None:
                 return self, law
-        start, law = similar, None
+        start = similar
+        law = None
         for bounds in (own, self._replace(share=TIMED_SHARE).bounds, limits):
             quick, _floor = self._solve_above_floor(bounds, similar=similar)
             if isinstance(quick, Speed):
@@ -231,7 +232,8 @@ class SmoothSearch(NamedTuple):
         """
         program = self.program
         bounds = self._bound_required(bounds, np.inf)
-        best, trust = None, FIRST_TRUST
+        best = None
+        trust = FIRST_TRUST
         for _ in range(MAX_SETTLING_STEPS):
             z = program.positive_rows @ law.y
             floor, cap = np.maximum((1.0 - trust) * z, law.floor), (1.0 + trust) * z
@@ -240,7 +242,7 @@ class SmoothSearch(NamedTuple):
             step = None
             if isinstance(found, Speed):
                 step = self._adjust(found._replace(floor=law.floor), NEARLY_SETTLED)
-            if step is not None and (best is None or self._gains(goal, step, law)):
+            if step is not None and (best is None or self._is_gain(goal, step, law)):
                 law = best = step
                 continue
             trust *= TRUST_LEFT
@@ -248,7 +250,7 @@ class SmoothSearch(NamedTuple):
                 break
         return best
 
-    def _gains(self, goal: str, step: Speed, law: Speed) -> bool:
+    def _is_gain(self, goal: str, step: Speed, law: Speed) -> bool:
         """Return whether a step costs so much less than a law that a further one is worth its program."""
         if goal == "curvature":
             rows = self.program.curvature.parts["y"]
@@ -285,7 +287,7 @@ class SmoothSearch(NamedTuple):
     def _settle_first(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Speed:
         """Settle the smoothest law from several starts; return the first that is nearly settled, or the last.
 
-        A law that tangents lead so near is as near from other starts: what is missing is cost.
+        Other starts lead no nearer than that: the law misses the durations because it may not cost more.
 
         Args:
             similar: a law with the required instants, if one is known.
@@ -352,10 +354,12 @@ class SmoothSearch(NamedTuple):
             law: the first law, above whose floor others are sought.
             bounds: the bounds; those of stages with a required duration do not count.
         """
-        program, stages = self.program, self.program.problem.stages
+        program = self.program
+        stages = program.problem.stages
         required = np.isfinite(stages)
-        excess = np.abs(law.durations / stages - 1.0)  # (m,), 1 where open
-        slack, bounded = FIRST_SLACK, False
+        excess = np.abs(law.durations / stages - 1.0)  # (m,) 1 where open
+        slack = FIRST_SLACK
+        bounded = False  # whether programs bound the durations
         for _ in range(MAX_SETTLING_STEPS):
             allowed = np.maximum(EXCESS_LEFT * excess, max(slack, BLENDED_DURATION))
             found = program.minimise(
@@ -374,7 +378,8 @@ class SmoothSearch(NamedTuple):
             if not bounded and np.any((excess_found > allowed)[required]):
                 bounded = True
                 continue
-            law, excess = found, excess_found
+            law = found
+            excess = excess_found
             slack *= SLACK_LEFT
             if self._mismatch(law) <= (2.0 * BLENDED_DURATION if bounded else SAME_DURATION):
                 break
