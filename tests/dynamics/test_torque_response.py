@@ -13,7 +13,7 @@ from framework.model.description import JointDynamics
 from framework.planning import scenes
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
-from framework.planning.optimal.optimal_task import Task, find_crossing_points
+from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
 from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import search_path
@@ -60,7 +60,7 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
     request = Request.of(robot, path, duration=1.5, law="optimal", smoothness=6)
     searched = search_path(robot, path)
     task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task, find_crossing_points(task))._replace(degree=24)
+    problem = problem_of(task)._replace(degree=24)
     law, balance = find_law_in_balance(task, solve_problem(problem, share=0.3).law, None)
     response = respond_to_law(balance)
     torque, speed = response.torque(XI), response.speed(XI)

@@ -25,7 +25,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.law_problem import LawProblem, condition_rows
-from framework.planning.optimal.optimal_task import Task, find_crossing_points
+from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.undeformed_law import problem_of
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE
 
@@ -52,8 +52,7 @@ def find_law_in_balance(
     Raises:
         NotConverged: there is no such law near the given one.
     """
-    points = find_crossing_points(task)
-    problem = problem_of(task, points, places)
+    problem = problem_of(task, places)
     if law.basis.is_spline:
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
@@ -61,7 +60,8 @@ def find_law_in_balance(
     instants = problem.instants_until(law.duration)
     # values of all conditions; those on required speeds and on ends in motion are set to what is required
     values = conditions.matrix @ law.coefficients
-    values[len(points) :] = -conditions.offset[len(points) :]
+    count = len(task.targets)  # of conditions (8)
+    values[count:] = -conditions.offset[count:]
 
     def shift_conditions(shifts: Array) -> OnParameter:
         """Return the law nearest to `law` whose first k conditions have values shifted by (k,)."""
@@ -75,7 +75,7 @@ def find_law_in_balance(
         return OnParameter(shifted, task.branch.knots)
 
     # sizes of the terms of each condition (8), to which the steps of differences are proportional
-    terms = np.linalg.norm(conditions.matrix.toarray() * law.coefficients, axis=1)[: len(points)]
+    terms = np.linalg.norm(conditions.matrix.toarray() * law.coefficients, axis=1)[:count]
     balance = solve_balance(
         task.branch,
         shift_conditions,

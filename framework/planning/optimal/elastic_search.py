@@ -50,7 +50,6 @@ from framework.planning.optimal.undeformed_law import (
 )
 from framework.planning.refusals import StaticFold
 from framework.planning.request import limit_excess
-from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     LIMIT_MARGIN,
     MAX_END_ACCELERATION,
@@ -129,20 +128,18 @@ class ElasticSearch:
     """The search for the best motion of an elastic robot.
 
     starts: tried in turn.
-    points: the crossing points of the undeformed robot.
     sampled: the demand on the motors of the undeformed robot, if resolved.
     first_law: the law about which limits of drives are linearised before the first motion; None without.
     """
 
     task: Task
     starts: Sequence[Start]
-    points: Sequence[SingularPoint]
     sampled: SampledDemand | None
     first_law: Best | None
 
     @staticmethod
-    def of(task: Task, points: Sequence[SingularPoint]) -> ElasticSearch:
-        """Prepare the search of a task through crossing points."""
+    def of(task: Task) -> ElasticSearch:
+        """Prepare the search of a task."""
         starts: Sequence[Start] = FREE
         is_damped = task.robot.is_damped and task.robot.elastic_inertia
         if task.follows_balance and (is_damped or springs_carry_inertia(task.branch)):
@@ -154,9 +151,9 @@ class ElasticSearch:
         first_law = None
         # first laws of elastic robots leave damping out
         if task.specification.drives is not None and not task.robot.is_damped:
-            result = settle_tangents(problem_of(task, points)._replace(sampled=sampled), points)
+            result = settle_tangents(problem_of(task)._replace(sampled=sampled))
             first_law = result if isinstance(result, Best) else None
-        return ElasticSearch(task, starts, points, sampled, first_law)
+        return ElasticSearch(task, starts, sampled, first_law)
 
     def find_motion(self) -> OptimalMotion:
         """Return the best motion; raise NoLaw or NotConverged if there is none."""
@@ -286,7 +283,7 @@ class ElasticSearch:
         """Return the problem of the task within a share of its limits.
 
         Args:
-            places: s of the required times and speeds; by default the points.
+            places: s of the required times and speeds; by default the crossing points.
             is_explained: whether a refusal may be explained, if the task asks for that.
         """
         to_cross = self.task.to_cross
@@ -295,7 +292,7 @@ class ElasticSearch:
         if share < 1.0:
             specification = specification.scale_limits(share)
         task = self.task._replace(to_cross=to_cross, specification=specification)
-        return problem_of(task, self.points, places)._replace(sampled=self.sampled)
+        return problem_of(task, places)._replace(sampled=self.sampled)
 
     # ------------------------------------------------------------------ motions
 

@@ -6,7 +6,6 @@ usually needs one law. For elastic robots see `elastic_search`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,16 +14,10 @@ from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_search import ElasticSearch
-from framework.planning.optimal.optimal_task import (
-    Task,
-    check_single_crossings,
-    check_speeds,
-    find_crossing_points,
-)
+from framework.planning.optimal.optimal_task import Task, check_single_crossings, check_speeds
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence, advice_of
 from framework.planning.request import limit_excess
-from framework.singularity.points_on_path import SingularPoint
 
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 LONGER_DURATIONS = (1.0, 1.02, 1.1)  # over the quickest, tried in turn as remedies
@@ -170,30 +163,28 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
 def _find_motion(task: Task) -> OptimalMotion:
     """Find the best law within all limits, and certify its motion; raise as `optimal_motion`."""
     check_single_crossings(task)
-    points = find_crossing_points(task)
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
             "optimal laws of elastic robots with damping are not supported with geometry rigid",
             name=robot.name,
         )
-    check_speeds(task, points)
+    check_speeds(task)
     if robot.n_e:
-        return ElasticSearch.of(task, points).find_motion()
-    best = find_law(task, points)
+        return ElasticSearch.of(task).find_motion()
+    best = find_law(task)
     for share in RIGID_SHARES:
         try:
-            return _certify_law(task, points, best)
+            return _certify_law(task, best)
         except NotConverged:
-            best = adapt_found_law(task, points, best, share=share)
-    return _certify_law(task, points, best)
+            best = adapt_found_law(task, best, share=share)
+    return _certify_law(task, best)
 
 
-def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> OptimalMotion:
+def _certify_law(task: Task, best: Best) -> OptimalMotion:
     """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
 
     Args:
-        points: where condition (8) must hold.
         best: the law, with the search that found it.
 
     Raises:
@@ -209,7 +200,7 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
         excess = limit_excess(motion.dynamics, task.specification)
         if excess <= 1.0:
             return motion
-        best = adapt_found_law(task, points, best, excess=excess)
+        best = adapt_found_law(task, best, excess=excess)
     raise NotConverged(
         f"no law within all limits is resolved in {MAX_PASSES} passes",
         name=task.robot.name,

@@ -53,7 +53,7 @@ class Task(NamedTuple):
 
     @property
     def targets(self) -> Sequence[SingularPoint]:
-        """The points where condition (8) must hold."""
+        """The points of the undeformed robot where condition (8) must hold."""
         return self.to_cross.crossing_points
 
     @property
@@ -66,38 +66,29 @@ class Task(NamedTuple):
         return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
 
 
-def find_crossing_points(task: Task) -> list[SingularPoint]:
-    """Return the crossing points of the undeformed robot: singular points and points imposed by the user."""
-    return list(task.targets)
-
-
 def conditions_at(
-    task: Task,
-    points: Sequence[SingularPoint],
-    z0: SquaredSpeed | None = None,
-    places: Sequence[float] | None = None,
+    task: Task, z0: SquaredSpeed | None, places: Sequence[float] | None = None
 ) -> tuple[Array, Array]:
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
-    A row times (1, z, u, u') must vanish. The first rows are condition (8) at each point, the last ones the
-    required speeds, z phi'^2 = speed^2.
+    A row times (1, z, u, u') must vanish. The first rows are condition (8) at each crossing point, the last
+    ones the required speeds, z phi'^2 = speed^2.
 
     Args:
-        points: where condition (8) must hold.
         z0: the squared speed about which viscous damping is linearised; None leaves damping out.
-        places: s of the required speeds; by default the points.
+        places: s of the required speeds; by default the crossing points.
 
     Returns:
         The parameter sigma of each condition, and the conditions.
     """
     sigmas = list[float]()
     rows = list[Array]()
-    for point in points:
+    for point in task.targets:
         crossing = crossing_rows(task.branch, task.phi, point, z0)
         rows += list(crossing)
         sigmas += [float(task.phi.inverse(point.s))] * len(crossing)
     if places is None:
-        places = [point.s for point in points]
+        places = [point.s for point in task.targets]
     speeds = task.request.speeds or ()
     # without required speeds the places do not matter
     for s, speed in zip(places, speeds, strict=bool(speeds)):
@@ -107,18 +98,15 @@ def conditions_at(
     return np.array(sigmas), np.array(rows).reshape(-1, 4)
 
 
-def check_speeds(task: Task, points: Sequence[SingularPoint]) -> None:
+def check_speeds(task: Task) -> None:
     """Raise NoLaw if no speed meets condition (8) at a crossing point.
 
     Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
     determine s'^2 and s". Damping adds a term delta s', which is left to the cone program.
-
-    Args:
-        points: the points of the path where condition (8) must hold.
     """
     if task.robot.is_damped:
         return
-    for point in points:
+    for point in task.targets:
         rows = crossing_rows(task.branch, task.phi, point)
         if point.corank > 1:
             _check_common_speed(task, point, rows)

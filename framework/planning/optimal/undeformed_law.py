@@ -22,12 +22,7 @@ from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.planning.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows, motor_rows
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
-from framework.planning.optimal.optimal_task import (
-    Task,
-    check_speeds,
-    conditions_at,
-    find_crossing_points,
-)
+from framework.planning.optimal.optimal_task import Task, check_speeds, conditions_at
 from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import find_refuting_bound, torques_at_ends
 from framework.planning.optimal.phase_plane import SquaredSpeed, demand
@@ -39,7 +34,6 @@ from framework.planning.refusals import (
     LeastLimits,
     SearchEvidence,
 )
-from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import (
     BOUND_MARGIN,
     DAMPING_TORQUE_ERROR,
@@ -60,31 +54,25 @@ def find_undeformed_law(task: Task) -> Best:
         NoLaw: no law was found within the limits.
         NotConverged: law and damping do not settle together, or the solver gave up.
     """
-    points = find_crossing_points(task)
-    check_speeds(task, points)
-    return find_law(task, points)
+    check_speeds(task)
+    return find_law(task)
 
 
-def find_law(task: Task, points: Sequence[SingularPoint]) -> Best:
-    """Find the best law through crossing points, with its own damping.
-
-    Args:
-        points: the points of the path where condition (8) must hold.
+def find_law(task: Task) -> Best:
+    """Find the best law through the crossing points, with its own damping.
 
     Raises:
         NoLaw: no law was found within the limits.
         NotConverged: law and damping do not settle together, or the solver gave up.
     """
-    problem = problem_of(task, points)._replace(sampled=sample_demand(task))
-    result = settle_tangents(problem, points)
+    problem = problem_of(task)._replace(sampled=sample_demand(task))
+    result = settle_tangents(problem)
     if isinstance(result, NoneFound):
-        raise refuse_law(result.program.problem, points, result)
+        raise refuse_law(result.program.problem, result)
     return result
 
 
-def settle_tangents(
-    problem: LawProblem, points: Sequence[SingularPoint], *, enough: float = 0.0
-) -> Best | NoneFound:
+def settle_tangents(problem: LawProblem, *, enough: float = 0.0) -> Best | NoneFound:
     """Find the best law, with damping and limits of drives linearised about itself.
 
     Rows of torque-speed curves are inner approximations: each law is within the curves. RMS torques over an
@@ -95,7 +83,6 @@ def settle_tangents(
 
     Args:
         problem: a problem without damping.
-        points: where condition (8) must hold.
         enough: peak over the reference, with the damping of the law, below which the search may end.
 
     Raises:
@@ -105,7 +92,7 @@ def settle_tangents(
     has_drives = problem.specification.drives is not None
     if has_drives and problem.specification.goal == "time" and longest is not None:
         # inner approximations about other laws may ask for more time than the quickest law
-        result = settle_tangents(problem.with_goal("time", longest=None), points)
+        result = settle_tangents(problem.with_goal("time", longest=None))
         if isinstance(result, NoneFound) or result.law.duration <= longest:
             return result
         resumed = resume_law(result, result.program.problem.with_goal("time", longest=longest))
@@ -123,15 +110,15 @@ def settle_tangents(
             if is_about_least_peak:
                 return result
             is_about_least_peak = True
-            result = settle_tangents(_lift_torque_limits(problem), points, enough=1.0 - 2.0 * LIMIT_MARGIN)
+            result = settle_tangents(_lift_torque_limits(problem), enough=1.0 - 2.0 * LIMIT_MARGIN)
             if isinstance(result, NoneFound):
                 return result
-            problem = _linearise(problem, points, result.law.squared_speed)
+            problem = _linearise(problem, result.law.squared_speed)
             result = find_best_law(problem)
             continue
         last = result
         counts_all = not averages or problem.average_over is not None
-        problem = _linearise(problem, points, result.law.squared_speed)
+        problem = _linearise(problem, result.law.squared_speed)
         if averages:
             problem = problem._replace(average_over=suggest_time(result))
         resumed = resume_law(result, problem)
@@ -142,14 +129,14 @@ def settle_tangents(
             if counts_all and not is_damped:
                 return last
             continue
-        is_settled = _drive_slack(problem, points, result) <= DRIVE_SLACK
+        is_settled = _drive_slack(problem, result) <= DRIVE_SLACK
         if not is_damped:
             if is_settled:
                 return result
             continue
         error = _tangent_error(problem, result)
         if is_settled and (error <= DAMPING_TORQUE_ERROR or (1.0 + error) * result.peak <= enough):
-            return result._replace(law=_meet_conditions(problem, points, result.law))
+            return result._replace(law=_meet_conditions(problem, result.law))
     if not is_damped:  # the last law is within the limits of drives, and may be slower than needed
         return result
     raise NotConverged(
@@ -167,7 +154,6 @@ def _lift_torque_limits(problem: LawProblem) -> LawProblem:
 
 def adapt_found_law(
     task: Task,
-    points: Sequence[SingularPoint],
     best: Best,
     *,
     excess: float = 1.0,
@@ -176,7 +162,6 @@ def adapt_found_law(
     """Find a smooth law near the best, with tighter limits or a larger cost.
 
     Args:
-        points: where condition (8) must hold.
         best: a law that exceeds limits, or that is not smooth enough.
         excess: largest torque or speed of the best law's motion over its limit; limits are divided by it.
         share: share of the least cost by which the cost of a smooth law may exceed it.
@@ -194,22 +179,19 @@ def adapt_found_law(
     if not task.robot.is_damped:
         return adapted
     # condition (8) was linearised about another law
-    return adapted._replace(law=_meet_conditions(adapted.program.problem, points, adapted.law))
+    return adapted._replace(law=_meet_conditions(adapted.program.problem, adapted.law))
 
 
-def problem_of(
-    task: Task, points: Sequence[SingularPoint], places: Sequence[float] | None = None
-) -> LawProblem:
+def problem_of(task: Task, places: Sequence[float] | None = None) -> LawProblem:
     """Return the problem of a task, without damping.
 
     Args:
-        points: where condition (8) must hold.
-        places: s of the required times and speeds; by default the points.
+        places: s of the required times and speeds; by default the crossing points.
     """
     if places is None:
-        places = [point.s for point in points]
+        places = [point.s for point in task.targets]
     stops = [float(task.phi.inverse(s)) for s in places] if task.specification.times else ()
-    return LawProblem(task, *conditions_at(task, points, None, places), tuple(stops))
+    return LawProblem(task, *conditions_at(task, None, places), tuple(stops))
 
 
 def solve_problem(
@@ -239,9 +221,9 @@ def solve_problem(
     return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
-def _linearise(problem: LawProblem, points: Sequence[SingularPoint], z0: SquaredSpeed) -> LawProblem:
+def _linearise(problem: LawProblem, z0: SquaredSpeed) -> LawProblem:
     """Return the problem with damping and drives linearised about a law's z0."""
-    crossings, conditions = conditions_at(problem.task, points, z0)
+    crossings, conditions = conditions_at(problem.task, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
 
 
@@ -264,7 +246,7 @@ def _rms_ratio(best: Best, time: float) -> float:
     return float(np.max(np.sqrt(mean_squares) / drives.rms_torque_limit))
 
 
-def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Best) -> float:
+def _drive_slack(problem: LawProblem, best: Best) -> float:
     """Compute the share of drives' limits that linearisation elsewhere leaves free.
 
     Where a curve is nearly reached, it is the difference of the ratios by the tangent and by the law itself.
@@ -273,7 +255,6 @@ def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Bes
 
     Args:
         problem: the problem that the law solves.
-        points: where condition (8) must hold.
     """
     drives = problem.specification.drives
     if drives is None:
@@ -284,7 +265,7 @@ def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Bes
         missing = 1.0 - problem.average_over / best.speed.duration
         is_reached = _rms_ratio(best, problem.average_over) > NEARLY_REACHED
         slack = np.inf if missing < 0.0 and is_reached else 0.5 * missing * is_reached
-    about_itself = _linearise(problem, points, best.law.squared_speed)
+    about_itself = _linearise(problem, best.law.squared_speed)
     rows = motor_rows(about_itself, program.basis, program.conditions, program.xi, program.frames)
     for curve, own in zip(program.rows.curve, rows.curve, strict=True):
         ratio = curve(y)[: len(program.xi)]
@@ -295,7 +276,7 @@ def _drive_slack(problem: LawProblem, points: Sequence[SingularPoint], best: Bes
 def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
     """Return the law of a search; raise the refusal if none was found."""
     if isinstance(result, NoneFound):
-        raise refuse_law(problem, (), result)
+        raise refuse_law(problem, result)
     return result
 
 
@@ -318,17 +299,16 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     return float(np.abs(torque_error / best.reference).max(initial=0.0)) / best.peak
 
 
-def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: OptimalLaw) -> OptimalLaw:
+def _meet_conditions(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
     """Find the law nearest in speed that meets condition (8) with damping, to rounding.
 
     Args:
         problem: the problem that the law solves with linearised damping.
-        points: where condition (8) must hold.
         law: the law to change.
     """
     space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
-        problem = _linearise(problem, points, law.squared_speed)
+        problem = _linearise(problem, law.squared_speed)
         rows = condition_rows(problem, law.basis)
         try:
             y = space.adjust(law.coefficients, rows, problem.instants_until(law.duration))
@@ -342,7 +322,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[SingularPoint], law: 
     return law
 
 
-def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneFound) -> NoLaw | NotConverged:
+def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     """Return the refusal of a problem without a law, with a proof or the evidence of a search.
 
     A motor that cannot hold the robot at an end of the path excludes every law. So does a bound of all peaks
@@ -350,7 +330,6 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
     found either, the limits may not be the reason: the search has not converged.
 
     Args:
-        points: where condition (8) must hold.
         none: the failed search.
     """
     name = problem.task.robot.name
@@ -362,7 +341,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
         return not_found  # torques linearised about another motion prove nothing about limits
     if problem.specification.drives is not None:  # the least limits below are those without drives
         problem = problem.with_goal(problem.specification.goal, drives=None)
-        if isinstance(settle_tangents(problem, points), Best):
+        if isinstance(settle_tangents(problem), Best):
             words = "no law of free shape was found within torque-speed curves and RMS torques"
             return NotConverged(words, name=name, residual=np.inf)
     holding = _overloaded_at_ends(problem)
@@ -372,7 +351,7 @@ def refuse_law(problem: LawProblem, points: Sequence[SingularPoint], none: NoneF
 
     # a proof, if there is one, and what would help
     is_open = holding is None and problem.specification.max_duration is not None
-    evidence = SearchEvidence(cells, least, _find_quickest(problem, points) if is_open else None)
+    evidence = SearchEvidence(cells, least, _find_quickest(problem) if is_open else None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
     proof = find_refuting_bound(problem.task)
@@ -493,15 +472,11 @@ def _find_peaks(problem: LawProblem, goal: str) -> _RelativePeaks:
     return _RelativePeaks(least.speed.peak, least.speed.peak_speed)
 
 
-def _find_quickest(problem: LawProblem, points: Sequence[SingularPoint]) -> float | None:
-    """Find a duration [s] near the least within the limits; None without limits or if no law was found.
-
-    Args:
-        points: where condition (8) must hold.
-    """
+def _find_quickest(problem: LawProblem) -> float | None:
+    """Find a duration [s] near the least within the limits; None without limits or if no law was found."""
     if not (problem.specification.limited or problem.specification.limited_speeds):
         return None
-    result = settle_tangents(problem.with_goal("time", duration=None, longest=None), points)
+    result = settle_tangents(problem.with_goal("time", duration=None, longest=None))
     return result.law.duration if isinstance(result, Best) else None
 
 

@@ -13,7 +13,7 @@ from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows
 from framework.planning.optimal.least_cost import first_cells
-from framework.planning.optimal.optimal_task import Task, find_crossing_points
+from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.optimal.speed_program import SpeedProgram, Units
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
@@ -257,13 +257,12 @@ def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
     request = Request.of(robot, path, duration=1.5, law="optimal")
     searched = search_path(robot, path)
     task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    places = find_crossing_points(task)
-    law = solve_problem(problem_of(task, places), share=share).law
-    series = _fit_series(problem_of(task, places), law)
+    law = solve_problem(problem_of(task), share=share).law
+    series = _fit_series(problem_of(task), law)
     assert not series.basis.is_spline
     duration = SpeedSpace(series.basis, series.stretch).duration(series.coefficients)
     assert duration == pytest.approx(1.5, rel=1e-11)
-    rows = condition_rows(problem_of(task, places), series.basis)
+    rows = condition_rows(problem_of(task), series.basis)
     terms = np.abs(rows.matrix.toarray() * series.coefficients).sum(axis=1)
     assert np.all(np.abs(rows(series.coefficients)) <= 1e-11 * terms)
     sigma = np.linspace(0.0, 1.0, 301)
@@ -276,7 +275,7 @@ def test_the_tangent_of_the_duration_is_the_duration_at_its_law_and_below_it_els
     request = Request.of(robot, LINE, duration=3.0, law="optimal")
     searched = search_path(robot, LINE)
     task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task, find_crossing_points(task))._replace(degree=40)
+    problem = problem_of(task)._replace(degree=40)
     program = SpeedProgram.on_cells(problem, first_cells(problem))
 
     def duration(y: np.ndarray) -> float:
