@@ -181,8 +181,8 @@ class DepartingCurve:
             s_rates.append((rest / scale) @ tangent / (tangent @ tangent))
             by_s.append((rest - by_s[1] * s_rates[-1]) / v**order)
         step = polynomial.polyint(polynomial.polymul([0.0] * len(rates) + [1.0], [1.0, -2.0, 1.0]))
-        step = step / step.sum()
-        curve = np.array(by_s) / [[factorial(k)] for k in range(len(by_s))]  # (m, n) coefficients of s^k
+        step = step / step.sum()  # (h,) coefficients of s^k
+        curve = np.array(by_s) / [[factorial(k)] for k in range(len(by_s))]  # (m, n) likewise
         to_line = -curve
         to_line[:2] += [x, way]
         powers = np.zeros((len(step) + len(curve) - 1, robot.n))
@@ -316,9 +316,8 @@ def _loosest_drives(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
     stated = {name for name in DRIVE_OPTIONS for plan in plans if getattr(plan.request, name) is not None}
     if stated or any(plan.request.margin for plan in plans):
         unlimited = (np.full(plans[0].robot.n_a, np.inf),) * 4
-        corner, no_load, rms = envelop_drives(
-            [drives or DriveLimits(*unlimited, None) for drives in all_drives]
-        )
+        limits = [drives or DriveLimits(*unlimited, None) for drives in all_drives]
+        corner, no_load, rms = envelop_drives(limits)
         loosest["rms_torque_limit"] = shortest_form(rms)
         loosest["corner_speed"], loosest["no_load_speed"] = shortest_form(corner), shortest_form(no_load)
     cycles = [plan.request.cycle_time for plan in plans]

@@ -85,13 +85,11 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
     if imposed is None:
         for singular in searched.points:
             check_crossable(branch, singular)
-        to_cross = searched.points
-    else:
-        to_cross = tuple(imposed_point(branch, s) for s in imposed)
-    to_cross = tuple(replace(point, condition=coefficients_at(branch, point, None)) for point in to_cross)
-    points = (
-        to_cross if imposed is None else tuple(_with_imposed(point, to_cross) for point in searched.points)
-    )
+    chosen = searched.points if imposed is None else [imposed_point(branch, s) for s in imposed]
+    to_cross = tuple(replace(point, condition=coefficients_at(branch, point, None)) for point in chosen)
+    points = to_cross
+    if imposed is not None:
+        points = tuple(_with_imposed(point, to_cross) for point in searched.points)
     return PathToCross(searched._replace(points=points), to_cross, explained)
 
 
