@@ -60,8 +60,13 @@ def _count_drives(task: Task, evidence: SearchEvidence) -> SearchEvidence:
     """Return the evidence with the least duration found within the limits of drives, too."""
     if task.specification.drives is None or evidence.quickest is None:
         return evidence
+    return evidence._replace(quickest=_find_quickest(task))
+
+
+def _find_quickest(task: Task) -> float | None:
+    """Find the duration [s] of the quickest certified motion within all limits; None without one."""
     motion = _try_motion(task, goal="time", duration=None, longest=None)
-    return evidence._replace(quickest=None if motion is None else motion.dynamics.duration)
+    return None if motion is None else motion.dynamics.duration
 
 
 def _try_motion(task: Task, **changes: Any) -> OptimalMotion | None:
@@ -90,8 +95,7 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
     quickest = None
     # RMS torques alone leave the first law of least time without a bound
     if specification.max_duration is not None and (specification.limited or specification.limited_speeds):
-        motion = _try_motion(task, goal="time", duration=None, longest=None)
-        quickest = None if motion is None else motion.dynamics.duration
+        quickest = _find_quickest(task)
     share = 1.0 - task.request.margin
     raised = raise_drives(plain.dynamics, drives, share)
     least = LeastLimits(None, None, together=True, options=[raised])
