@@ -127,7 +127,7 @@ class ParameterRegressor(NamedTuple):
 
 
 def parameter_regressor(
-    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters, *, signs: Array | None = None
+    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters
 ) -> ParameterRegressor:
     """Compute the regressor of the closed robot at T instants of a motion.
 
@@ -137,7 +137,6 @@ def parameter_regressor(
 
     Args:
         parameters: theta, with the values of the robot file.
-        signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
     # speeds of motors G (T, n_a, n) and rates of joints N (T, nv, n) for unit twists of the platform
     G, N = motor_speeds(robot, motion.linearised)
@@ -145,9 +144,8 @@ def parameter_regressor(
     motors = robot.actuated
     body_part = N_transposed @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
     v = motion.v[:, motors]
-    signs = np.sign(v) if signs is None else signs
     # the motors' columns: torques for unit parameters, which act on the platform by the motors' rows of N
-    unit_torques = [robot.gear_ratio**2 * motion.a[:, motors], v, signs]  # (T, n_a) each, as `OF_MOTORS`
+    unit_torques = [robot.gear_ratio**2 * motion.a[:, motors], v, np.sign(v)]  # (T, n_a) each, as `OF_MOTORS`
     motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 

@@ -87,7 +87,8 @@ class Excitation(ReadOnlyArrays):
     Attributes:
         identification: of the simulated recording, by which the robot file's own values are the truth.
         tracking_error: largest distance of the simulated platform from the motion [robot lengths, rad].
-        improvement: mean deviation of what is shown before the search, over that after.
+        improvement: geometric mean of deviations by the first motion tried, over those by the best one; of
+            the base parameters that the best one shows.
     """
 
     robot: ParallelRobot

@@ -61,10 +61,8 @@ def posterior_root(rows: Array) -> Array:
     S = V / sqrt(1 + s^2).
     """
     k = rows.shape[1]
-    triangle = np.linalg.qr(
-        np.concatenate([rows, np.zeros((k, k))]), mode="r"
-    )  # (k, k) with the same s and V
-    _, s, V_rows = np.linalg.svd(triangle)
+    # the triangle (k, k) of a QR decomposition has the same s and V
+    _, s, V_rows = np.linalg.svd(np.linalg.qr(np.concatenate([rows, np.zeros((k, k))]), mode="r"))
     return V_rows.T / np.sqrt(1.0 + s**2)
 
 
@@ -103,9 +101,8 @@ def estimate(
     matrix = rows.matrix @ augmented  # (T, n_a, 1 + k)
     response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, signals, 1 + k)
     predicted = rows.torque
-    corrections = draw = np.zeros(
-        motion.angles.shape[1]
-    )  # errors z of the motion, and the rest that is drawn
+    # errors z of the motion, and what is added to these when z is drawn from its distribution
+    corrections = draw = np.zeros(motion.angles.shape[1])
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
