@@ -317,8 +317,8 @@ class _Design:
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
         W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
         by_prior = np.linalg.norm(self.columns, axis=1)
-        asked = by_prior > 0.0
-        return np.linalg.norm(self.columns[asked] @ posterior_root(W), axis=1) / by_prior[asked]
+        free = by_prior > 0.0  # (r,) of these m
+        return np.linalg.norm(self.columns[free] @ posterior_root(W), axis=1) / by_prior[free]
 
 
 def _search(

@@ -97,7 +97,7 @@ def estimate(
     T, n_a = rows.torque.shape
     motion = _MotionErrors.of(rows)
     augmented = np.column_stack([start, design])  # (r, 1 + k)
-    unknowns = np.eye(1 + k)[0]  # beta = augmented @ unknowns: 1, then those that are asked for
+    factors = np.eye(1 + k)[0]  # beta = augmented @ factors: 1, then the unknowns
     matrix = rows.matrix @ augmented  # (T, n_a, 1 + k)
     response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, signals, 1 + k)
     predicted = rows.torque
@@ -112,17 +112,17 @@ def estimate(
         corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + k)
         spurious = motion.change(response, draw)[..., 1:]
         sensors, deviations = _sensor_columns(rows, predicted, errors)
-        misfit = rows.torque - rows.constant - matrix @ unknowns
+        misfit = rows.torque - rows.constant - matrix @ factors
         columns = np.concatenate([spurious, sensors, corrected[..., 1:], misfit[..., None]], axis=2)
-        slopes = motion.torques(response @ unknowns)  # (T n_a, z)
+        slopes = motion.torques(response @ factors)  # (T n_a, z)
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
-        solution = _solve_equations(reduced.rows, unknowns[1:], deviations)
+        solution = _solve_equations(reduced.rows, factors[1:], deviations)
 
         # the noise is what this solution leaves
-        step = solution.values - unknowns[1:]  # (k,)
-        unknowns = np.append(1.0, solution.values)
-        predicted = rows.constant + matrix @ unknowns
+        step = solution.values - factors[1:]  # (k,)
+        factors = np.append(1.0, solution.values)
+        predicted = rows.constant + matrix @ factors
         corrections = reduced.corrections @ np.r_[np.zeros(k), -solution.sensors, -step, 1.0]
         draw = reduced.draw
         residual = misfit - sensors @ solution.sensors - corrected[..., 1:] @ step  # (T, n_a)

@@ -32,7 +32,7 @@ class PossibleParameters(NamedTuple):
 
 
 def fit_possible_parameters(
-    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, found: Estimate
+    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, estimated: Estimate
 ) -> PossibleParameters:
     """Compute the most probable parameters (u,) of possible links and motors.
 
@@ -42,8 +42,8 @@ def fit_possible_parameters(
     Raises:
         NotConverged: the solver does not converge.
     """
-    best = links.values + unknowns.shown @ found.values
-    spread = np.hstack([unknowns.shown @ found.spread, unknowns.hidden])  # (u, w)
+    best = links.values + unknowns.shown @ estimated.values
+    spread = np.hstack([unknowns.shown @ estimated.spread, unknowns.hidden])  # (u, w)
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
     is_free = (spread != 0.0).any(axis=1)
@@ -55,7 +55,7 @@ def fit_possible_parameters(
     if isinstance(y, Unsolved):
         raise NotConverged(
             f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
-            residual=float(np.linalg.norm(found.values)),
+            residual=float(np.linalg.norm(estimated.values)),
         )
 
     values = best + spread @ y

@@ -1,7 +1,7 @@
 """Locate a URDF; read and check its joints and links: names, numbers, tree.
 
-Pinocchio's parser prints to the console and explains little, so this module finds the errors first. Messages
-name the element (`where`); the caller prefixes the file.
+Readers, springs and pinocchio's model work on `Tree`; XML is read here and written by `urdf_edits.urdf_text`.
+Messages name the element (`where`); the caller prefixes the file.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ JOINT_TYPES = ("fixed", *MOVING, *COORDINATE_SUFFIXES)
 ENDLESS = 1e9  # limit [rad, m, N m, N and per s] that no motion reaches
 UNIVERSE = "universe"  # pinocchio's name of what does not move
 MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
-MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
+MAX_TREE_DEPTH = 1000  # joints from the root to a link; no robot has more
 PACKAGE = "package://"
 INERTIA_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
 # primitive shapes, with the attributes (in SDF the children) that have their sizes
@@ -73,7 +73,9 @@ class Joint:
     speed: float = ENDLESS
     dynamics: JointDynamics = field(default_factory=JointDynamics)  # along each coordinate
     mimic: Coupling | None = None  # of a joint of one freedom
-    element: Element | None = None  # of the file, written again as it is; None once the joint has changed
+    element: Element | None = (
+        None  # of the file, which is written instead of the fields; None if these differ
+    )
 
     @property
     def moves(self) -> bool:
@@ -88,10 +90,10 @@ class Joint:
 
 @dataclass
 class Tree:
-    """Links and joints by name, in the order of the file; readers and springs change them."""
+    """Links and joints by name, in the order of the file; readers and springs add and replace joints."""
 
     name: str
-    links: dict[str, Element]  # with inertia and shapes
+    links: dict[str, Element]  # of the URDF, with inertia and shapes
     joints: dict[str, Joint] = field(default_factory=dict)
     others: Sequence[Element] = ()  # materials, and what other programs read
 
@@ -112,7 +114,7 @@ class Tree:
             self.links.setdefault(joint.child, Element("link", name=joint.child))
 
     def copy(self) -> Tree:
-        """Return a tree that changes by itself."""
+        """Return a copy with the same elements, whose links and joints can be replaced."""
         return Tree(self.name, dict(self.links), dict(self.joints), self.others)
 
     @property
@@ -384,9 +386,13 @@ def parse_limit(where: str, text: str) -> float:
 
 
 def _read_limits(joint: Element, where: str, *, is_needed: bool) -> dict[str, Any]:
-    """Read the fields `limits`, `effort` and `speed` of a joint in its <limit>, if it has one.
+    """Read the fields `limits`, `effort` and `speed` of a joint in its <limit>.
 
-    With `is_needed`, missing keys, limits in the wrong order and negative efforts or speeds are refused, too.
+    Without `is_needed`, that of a continuous joint, the numbers must be numbers and have no effect.
+
+    Raises:
+        RobotFileError: a number is malformed or, where they are needed, a key is missing, limits are in the
+            wrong order, or effort or speed is negative.
     """
     limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
     if limit is None:
