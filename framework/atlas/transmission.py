@@ -234,7 +234,7 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
     except FrameworkError as failure:
         raise InvalidInput(
             f"posture: {robot.name} does not reach all of a sine of {AMPLITUDE} rad or robot lengths along "
-            f"{robot.axis_names[axis]} about it ({failure})"
+            f"{robot.axis_names[axis]} about it: {failure.sentence}"
         ) from None
     instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
     G, N = _rates(robot, q)
