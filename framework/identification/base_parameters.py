@@ -46,8 +46,9 @@ from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import link_axes, link_of
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.documents import attribute, child_element, read_origin, remove_children
+from framework.model.documents import remove_children
 from framework.model.urdf_edits import inertial_element
+from framework.model.urdf_elements import read_inertial
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MASS_SHIFT, MIN_RANK_GAP, RANK_ROUNDING
 
@@ -303,9 +304,6 @@ def random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) 
 # ------------------------------------------------------------------ links and motors in the robot file
 
 
-MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-
-
 class LinkParameters(NamedTuple):
     """The u parameters of links and motors: ten of each link on its axes, then three of each motor."""
 
@@ -401,16 +399,10 @@ def read_inertial_parameters(link: Element) -> Array:
 
     They are mass, first and second moments [kg, kg m, kg m^2], on the axes of the link.
     """
-    inertial = link.find("inertial")
-    if inertial is None:
-        return np.zeros(10)
-    where = f"link {link.get('name')!r}: <inertial>"
-    mass = attribute(child_element(inertial, where, "mass"), where, "value")
-    inertia = child_element(inertial, where, "inertia")
-    entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
-    pose = read_origin(inertial, where)
-    # <inertial> is about the centre of mass, where the first moments are zero
-    return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
+    mass, pose, inertia = read_inertial(link)
+    moments = inertia[np.tril_indices(3)]  # (6,) in the order of INERTIAL
+    # they are about the centre of mass, where the first moments are zero
+    return parameter_transform(pin.SE3(pose)) @ np.array([mass, 0.0, 0.0, 0.0, *moments])
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:

@@ -37,7 +37,7 @@ ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
 def urdf_text(tree: Tree) -> str:
-    """Write a tree as the text of a URDF; links and joints that have not changed are those of the file."""
+    """Write a tree as the text of a URDF, with the elements of joints that have one."""
     root = Element("robot", name=tree.name)
     root.extend(tree.others)
     root.extend(tree.links.values())
@@ -57,7 +57,7 @@ def origin_element(matrix: Array) -> Element:
 
 
 def joint_element(joint: Joint) -> Element:
-    """Return the `<joint>` of a joint; without limits, those that URDF requires are never reached."""
+    """Return the `<joint>` of a joint; limits that URDF requires are `ENDLESS` by default."""
     element = Element("joint", name=joint.name, type=joint.kind)
     SubElement(element, "parent", link=joint.parent)
     SubElement(element, "child", link=joint.child)
@@ -174,7 +174,7 @@ def lock_joints(tree: Tree, locked: Mapping[str, float]) -> None:
 
 
 def fixed_joint(joint: Joint, *values: float) -> Joint:
-    """Return a joint that moves as one fixed at the values [rad, m] of its coordinates."""
+    """Return a joint fixed at the values [rad, m] of its coordinates."""
     if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone

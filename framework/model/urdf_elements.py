@@ -144,7 +144,7 @@ class Tree:
         return link
 
     def path_to_base(self, link: str) -> list[Joint]:
-        """Return the joints from a link to the base, in this order."""
+        """Return the joints from a link to the base, the link's own first."""
         path = []
         while joint := self.parent_joint.get(link):
             path.append(joint)
@@ -332,7 +332,7 @@ def _unique_elements(root: Element, tag: str) -> dict[str, Element]:
 
 
 def _read_joint(element: Element, links: Collection[str], impossible: Complaints | None) -> Joint:
-    """Read a joint between two of the `links`; an impossible limit goes to the list, if there is one.
+    """Read a joint between two of the `links`; refuse or collect an impossible limit.
 
     Raises:
         RobotFileError: a part is missing, malformed or of no known type; the limit is impossible, and there
@@ -433,9 +433,10 @@ def check_inertial(link: Element, extent: float) -> None:
 
 
 def read_inertial(link: Element) -> tuple[float, Array, Array]:
-    """Read a link's mass [kg], the placement (4, 4) of its inertia, and the inertia (3, 3) [kg m^2] there.
+    """Read a link's mass [kg], inertial placement (4, 4) and inertia (3, 3) [kg m^2].
 
-    The placement has its origin at the centre of mass. Without an <inertial> all is zero.
+    The inertia is about the centre of mass, the origin of the placement, on its axes. Without an <inertial>
+    mass and inertia are zero.
 
     Raises:
         RobotFileError: a part is missing or malformed.
@@ -489,13 +490,13 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
 
 
 def declared_dynamics(tree: Tree) -> dict[str, JointDynamics]:
-    """Return the dynamics of joints where they are not zero, by coordinate."""
+    """Return the joint dynamics that are not zero, by coordinate."""
     joints = [joint for joint in tree.joints.values() if joint.dynamics != JointDynamics()]
     return {coordinate: joint.dynamics for joint in joints for coordinate in joint.coordinates}
 
 
 def declared_couplings(tree: Tree, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Return the coupling q = multiplier q_leader + offset of each <mimic>, and remove these elements.
+    """Remove each <mimic>, and return its coupling q = multiplier q_leader + offset.
 
     The leader may be one of the `locked` joints.
 
