@@ -295,9 +295,9 @@ class _Design:
         if beyond.any():
             joint = robot.limits[int(beyond.max(axis=0).argmax())].joint
             return f"{joint} leaves its range"
-        near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance
-        if near.any():
-            return f"it comes near a Type {1 + int(near.argmax())} singularity"
+        is_near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance  # (2,)
+        if is_near.any():
+            return f"it comes near a Type {1 + int(is_near.argmax())} singularity"
         motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
         if (np.abs(speed) > share * self.speed_limit).any():
