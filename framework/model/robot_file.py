@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from xml.etree.ElementTree import tostring
 
 from framework.errors import RobotFileError, check_unique
 from framework.model.description import JointDynamics, LineSpring, RobotDescription, Spring, lock_couplings
@@ -17,7 +18,7 @@ from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, pre
 from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
 from framework.model.robot_keys import TREE, RobotReader
-from framework.model.urdf_edits import add_frame, free_root, lock_joints, urdf_text, virtual_link_name
+from framework.model.urdf_edits import add_frame, free_root, lock_joints, urdf_root, virtual_link_name
 from framework.model.urdf_elements import (
     MOVING,
     ParsedRobot,
@@ -179,8 +180,8 @@ def _read_urdf(folder: Path, values: Mapping[str, Any], parameters: Mapping[str,
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
             add_frame(tree, origin=origin, **frame)  # `frame` has the other arguments
-    text = urdf_text(tree)
-    return text, read_tree(parse_xml(text))  # the same numbers as whoever reads the text has
+    root = urdf_root(tree)
+    return tostring(root, encoding="unicode"), read_tree(root)  # with the numbers of the text
 
 
 # ------------------------------------------------------------------ checks across keys

@@ -37,13 +37,18 @@ ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
 def urdf_text(tree: Tree) -> str:
-    """Write a tree as the text of a URDF, with the elements of joints that have one."""
+    """Write a tree as the text of a URDF."""
+    return tostring(urdf_root(tree), encoding="unicode")
+
+
+def urdf_root(tree: Tree) -> Element:
+    """Return the `<robot>` of a tree, with the elements of joints that have one."""
     root = Element("robot", name=tree.name)
     root.extend(tree.others)
     root.extend(tree.links.values())
     for joint in tree.joints.values():
         root.append(joint_element(joint) if joint.element is None else joint.element)
-    return tostring(root, encoding="unicode")
+    return root
 
 
 def vector_text(values: Iterable[float]) -> str:

@@ -59,22 +59,28 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
     q = np.repeat(robot.q_near[None], 2, axis=0) + 0.1 * rng.standard_normal((2, robot.model.nq))
     v = rng.standard_normal((2, robot.model.nv))
     at = frames_at(robot, q)
-    h = 1e-5
-    ahead, here, back = (
-        loop_equations(robot.rows, frames_at(robot, integrate(robot, q, k * h * v))).residual
-        for k in (1, 0, -1)
+    # errors of first differences are h^2 and eps / h, of second ones h^2 and eps / h^2: a longer step
+    h, long = 1e-5, 4e-5
+
+    def differences(values):
+        """The first and the second derivative along v, of values at steps of v."""
+        far, ahead, here, back, far_back = (values(step) for step in (long, h, 0.0, -h, -long))
+        return (ahead - back) / (2 * h), (far - 2 * here + far_back) / long**2
+
+    rate, drift = differences(
+        lambda step: loop_equations(robot.rows, frames_at(robot, integrate(robot, q, step * v))).residual
     )
-    rate = np.einsum("tmv,tv->tm", loop_equations(robot.rows, at).jacobian, v)
-    drift = closure_drift(robot.rows, frame_motions(robot, at, v), q, v)
-    np.testing.assert_allclose(rate, (ahead - back) / (2 * h), atol=1e-8)  # h^2 and eps / h
-    np.testing.assert_allclose(drift, (ahead - 2 * here + back) / h**2, atol=3e-5)  # eps / h^2
+    jacobian = loop_equations(robot.rows, at).jacobian
+    np.testing.assert_allclose(np.einsum("tmv,tv->tm", jacobian, v), rate, atol=1e-8)
+    np.testing.assert_allclose(closure_drift(robot.rows, frame_motions(robot, at, v), q, v), drift, atol=1e-5)
     # of platform and of loops that suffice everywhere; their combination turns where loops are open
     robot = robot.with_fixed_rows(robot.structure.spanning)
-    linearised = [linearised_at(robot, integrate(robot, q, k * h * v), None) for k in (1, 0, -1)]
-    ahead, here, back = (equations.jacobian for equations in linearised)
-    first, second = jacobian_rates(robot, linearised[1], v)
-    np.testing.assert_allclose(first, (ahead - back) / (2 * h), atol=1e-8)
-    np.testing.assert_allclose(second, (ahead - 2 * here + back) / h**2, atol=3e-5)
+    rate, curvature = differences(
+        lambda step: linearised_at(robot, integrate(robot, q, step * v), None).jacobian
+    )
+    first, second = jacobian_rates(robot, linearised_at(robot, q, None), v)
+    np.testing.assert_allclose(first, rate, atol=1e-8)
+    np.testing.assert_allclose(second, curvature, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", robots.CATALOGUE)
