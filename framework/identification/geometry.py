@@ -94,11 +94,10 @@ class Geometry(ReadOnlyArrays):
 
     def description(self, values: Array) -> RobotDescription:
         """Return the robot's description with origins and lengths changed by parameters (p,)."""
-        values = self.dimensions(values)
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
         elements = elements_by_name(urdf, "joint")
-        moves, lengths = np.split(values, [6 * len(self.joints)])
+        moves, lengths = np.split(self.dimensions(values), [6 * len(self.joints)])
         for joint, move in zip(self.joints, moves.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)

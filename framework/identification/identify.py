@@ -79,7 +79,7 @@ class Identification(ReadOnlyArrays):
             deviation 0.
         determined: (rank,) whether the data leave less than DETERMINED_SHARE of the prior's deviation.
         parameters: (p,) the most probable values of `base.parameters` that bodies can have, by the data and
-            a prior about the file. Those that the data do not show stay at the file's values.
+            a prior about the file. Those that the data do not show stay near the file's values.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
         predictions: of the torques held out, the twin's first.
         noise: (n_a,) root mean square residual of the motor torques [N m, N].
@@ -250,7 +250,8 @@ def identify(
             if that fails.
         start: joints' positions near the first row [rad, m], if the motion begins in another mode than the
             reference; by default from columns joint_NAME or the measured platform, else the reference.
-        prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
+        prior: factor of the file's standard deviations; at 1 a mass is off by its own size, friction by a
+            typical size of this robot.
         massless: whether to include bodies that have no mass in the file.
         sensor_errors: standard deviations of errors of the torque sensors: `scale` (share of a torque, by
             default 0.005), `offset` (share of its root mean square), `delay` [s].

@@ -51,7 +51,7 @@ def choose_unknowns(
 
     Args:
         only: "payload", "friction", "rotor", or names of links, motors' joints or parameters; by default all.
-        prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
+        prior: factor of the standard deviations of the file's values.
 
     Raises:
         InvalidInput: an unknown name.
