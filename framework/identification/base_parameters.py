@@ -313,11 +313,6 @@ class LinkParameters(NamedTuple):
     to_parameters: Array  # (p, u) matrix: adds up links to the parameters of bodies, `TorqueParameters`
 
     @property
-    def prior_sizes(self) -> Array:
-        """Standard deviations (u,) of the parameters by the file."""
-        return np.linalg.norm(self.prior_root, axis=1)
-
-    @property
     def link_slices(self) -> list[slice]:
         """The entries of each link among the u parameters."""
         return [slice(10 * i, 10 * i + 10) for i in range(len(self.links))]

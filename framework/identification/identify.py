@@ -428,7 +428,7 @@ def _describe(
 
     values = _body_quantities(links, possible.values)
     in_file = _body_quantities(links, links.values)
-    steps = 1e-6 * links.prior_sizes + np.finfo(float).tiny
+    steps = 1e-6 * np.linalg.norm(links.prior_root, axis=1) + np.finfo(float).tiny  # (u,)
     changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
     J = changes.T / steps  # (u, u)
     # (u,) deviations by data and prior, by the prior, and by what no motion shows
