@@ -155,7 +155,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
             robot file, which then are the only ones.
 
     Raises:
-        InvalidInput: a name is not one of these.
+        InvalidInput: a name is not one of these, or parameters of the file are mixed with joints.
     """
     description = robot.description
     tree = read_tree(fromstring(description.urdf_text))
@@ -165,6 +165,11 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     numbers = tuple(name for name in description.parameters if name in (joints or ()))
     for name in joints or ():
         check_choice("joint", name, [*candidates, *with_length, *description.parameters])
+    if numbers and (beside := [name for name in joints or () if name not in numbers]):
+        raise InvalidInput(
+            f"joints: {', '.join(numbers)} and {', '.join(beside)}: give parameters of the robot file, or "
+            f"joints and closures, not both"
+        )
     if numbers:
         joints = _dependent_dimensions(description, numbers, candidates, with_length)
     lengths = tuple(name for name in with_length if joints is None or name in joints)
