@@ -67,7 +67,7 @@ class OptimalMotion(NamedTuple):
         return not (is_off & (predicted > NEARLY_REACHED)).any()
 
 
-def resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
+def resolve_optimal_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
     """Compute and certify the torques of a law along the path of a task.
 
     Args:

@@ -37,7 +37,7 @@ from framework.errors import (
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
-from framework.planning.optimal.certified_motion import OptimalMotion, resolve_law
+from framework.planning.optimal.certified_motion import OptimalMotion, resolve_optimal_law
 from framework.planning.optimal.elastic_balance import find_law_in_balance, measure_rest
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_softening import find_least_softening
@@ -310,7 +310,7 @@ class ElasticSearch:
         dearest = following[0].share if following else np.inf
         share, former = 1.0, np.inf
         for _ in range(MAX_STEPS):
-            dynamics = resolve_law(self.task, law.law, None)
+            dynamics = resolve_optimal_law(self.task, law.law, None)
             iterate = self._measure(OptimalMotion(dynamics, law.law, law), None)
             if iterate.rest > 1.0:
                 raise self._refuse_rest(iterate.rest)
@@ -394,7 +394,7 @@ class ElasticSearch:
         for _ in range(MAX_PLACE_STEPS):
             law, balance = find_law_in_balance(self.task, law, previous, places)
             previous = balance.deflections
-            dynamics = resolve_law(self.task, law, previous)
+            dynamics = resolve_optimal_law(self.task, law, previous)
             if self._meets_requirements(law, dynamics):
                 iterate = self._measure(OptimalMotion(dynamics, law, best), balance)
                 if iterate.rest > MAX_FOLLOWED_REST:

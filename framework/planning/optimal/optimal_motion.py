@@ -15,7 +15,7 @@ from typing import Any
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
 from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
-from framework.planning.optimal.certified_motion import OptimalMotion, resolve_law
+from framework.planning.optimal.certified_motion import OptimalMotion, resolve_optimal_law
 from framework.planning.optimal.elastic_search import ElasticSearch
 from framework.planning.optimal.optimal_task import (
     Task,
@@ -202,7 +202,7 @@ def _certify_law(task: Task, points: Sequence[SingularPoint], best: Best) -> Opt
     """
     for _ in range(MAX_PASSES):
         try:
-            dynamics = resolve_law(task, best.law, None)
+            dynamics = resolve_optimal_law(task, best.law, None)
         except UnboundedTorque as failure:  # condition (8) is met, but for rounding
             raise NotConverged(
                 failure.sentence, name=failure.name, residual=abs(failure.wrench), s=failure.s
