@@ -39,13 +39,18 @@ class FrameworkError(Exception):
     remedy: Mapping[str, Any] | None = None
     nearest: Mapping[str, Any] | None = None  # the nearest pose that can be, in plain numbers
 
+    def __init__(self, message: str = "") -> None:
+        """Make an error without a name and clauses."""
+        super().__init__(message)
+        self.message = message
+
     def __str__(self) -> str:
         return f"{self.name}: {self.sentence}" if self.name else self.sentence
 
     @property
     def sentence(self) -> str:
         """The message and its clauses."""
-        return "; ".join([super().__str__(), *self.clauses])
+        return "; ".join([self.message, *self.clauses])
 
     def naming(self, name: str) -> Self:
         """Return the error with the name of what it is about."""

@@ -110,9 +110,9 @@ def transmission(
         points: poses along each axis; by default 81 of one axis, 25 of two, else 7.
 
     Raises:
-        InvalidInput: a robot with springs or redundant motors; no ranges; wrong numbers.
-        NoAnswer: no pose of the ranges is assembled and regular.
-        NotAssembled: the posture, or a sine about it, is out of reach.
+        InvalidInput: an elastic robot or redundant motors; no ranges; wrong numbers; a sine about the posture
+            that is out of reach.
+        NoAnswer: no pose of the ranges is assembled and regular, or the posture is out of reach.
     """
     expect_robot(robot)
     if robot.n_e or robot.n_a != robot.n:

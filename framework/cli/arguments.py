@@ -101,7 +101,7 @@ def load_mechanism(options: Namespace) -> Mechanism:
     return mechanism
 
 
-def parse_file(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
+def parse_file(options: Namespace, *, propose: Propose) -> ParsedRobot:
     """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 

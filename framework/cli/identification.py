@@ -324,8 +324,8 @@ def identification_lines(identification: Identification, *, everything: bool = F
 # ------------------------------------------------------------------ crossing excite
 
 EXCITED = """\
-{0.robot.name}: {1:g} s in periods of {2:.3g} s; deviations are {0.improvement:.2g} times smaller than of \
-the first motion tried
+{0.robot.name}: {1:g} s in periods of {2:.3g} s; deviations are {0.improvement:.2g} times smaller than \
+those of the first motion tried
   start             {3}, at rest
   largest torques   {4}
   largest speeds    {5}

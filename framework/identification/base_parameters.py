@@ -46,8 +46,9 @@ from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import link_axes, link_of
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.documents import attribute, child_element, read_origin, remove_children
+from framework.model.documents import remove_children
 from framework.model.urdf_edits import inertial_element
+from framework.model.urdf_elements import read_inertial
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MASS_SHIFT, MIN_RANK_GAP, RANK_ROUNDING
 
@@ -127,7 +128,7 @@ class ParameterRegressor(NamedTuple):
 
 
 def parameter_regressor(
-    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters, *, signs: Array | None = None
+    robot: ParallelRobot, motion: Motion, parameters: TorqueParameters
 ) -> ParameterRegressor:
     """Compute the regressor of the closed robot at T instants of a motion.
 
@@ -137,7 +138,6 @@ def parameter_regressor(
 
     Args:
         parameters: theta, with the values of the robot file.
-        signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
     # speeds of motors G (T, n_a, n) and rates of joints N (T, nv, n) for unit twists of the platform
     G, N = motor_speeds(robot, motion.linearised)
@@ -145,9 +145,8 @@ def parameter_regressor(
     motors = robot.actuated
     body_part = N_transposed @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
     v = motion.v[:, motors]
-    signs = np.sign(v) if signs is None else signs
     # the motors' columns: torques for unit parameters, which act on the platform by the motors' rows of N
-    unit_torques = [robot.gear_ratio**2 * motion.a[:, motors], v, signs]  # (T, n_a) each, as `OF_MOTORS`
+    unit_torques = [robot.gear_ratio**2 * motion.a[:, motors], v, np.sign(v)]  # (T, n_a) each, as `OF_MOTORS`
     motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 
@@ -307,9 +306,6 @@ def random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) 
 # ------------------------------------------------------------------ links and motors in the robot file
 
 
-MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-
-
 class LinkParameters(NamedTuple):
     """The u parameters of links and motors: ten of each link on its axes, then three of each motor."""
 
@@ -317,11 +313,6 @@ class LinkParameters(NamedTuple):
     values: Array  # (u,) in the robot file
     prior_root: Array  # (u, u) L, where L L' is their covariance by the file
     to_parameters: Array  # (p, u) matrix: adds up links to the parameters of bodies, `TorqueParameters`
-
-    @property
-    def prior_sizes(self) -> Array:
-        """Standard deviations (u,) of the parameters by the file."""
-        return np.linalg.norm(self.prior_root, axis=1)
 
     @property
     def link_slices(self) -> list[slice]:
@@ -405,16 +396,10 @@ def read_inertial_parameters(link: Element) -> Array:
 
     They are mass, first and second moments [kg, kg m, kg m^2], on the axes of the link.
     """
-    inertial = link.find("inertial")
-    if inertial is None:
-        return np.zeros(10)
-    where = f"link {link.get('name')!r}: <inertial>"
-    mass = attribute(child_element(inertial, where, "mass"), where, "value")
-    inertia = child_element(inertial, where, "inertia")
-    entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
-    pose = read_origin(inertial, where)
-    # <inertial> is about the centre of mass, where the first moments are zero
-    return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
+    mass, pose, inertia = read_inertial(link)
+    moments = inertia[np.tril_indices(3)]  # (6,) in the order of INERTIAL
+    # they are about the centre of mass, where the first moments are zero
+    return parameter_transform(pin.SE3(pose)) @ np.array([mass, 0.0, 0.0, 0.0, *moments])
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:

@@ -395,7 +395,7 @@ class GeometryFit(NamedTuple):
     """Changes of p parameters from the file, fitted to T instants."""
 
     values: Array  # (p,) [m, rad]
-    root: Array  # (p, p) S, where S S' is their covariance by the noise
+    root: Array  # (p, p) S, where S S' is their covariance by data and prior
     deviations: Array  # (p,) widened by Student's t
     weights: Array  # (T,) square roots of Huber's weights, which multiply residuals
     noise: float  # ratio of the residual to the assumed noise
@@ -408,7 +408,7 @@ def fit_geometry(
     measured: Measurements,
     q: Array,
     prior: Array,
-    progress: Callable[[int], None] = lambda steps: None,
+    progress: Callable[[int], None],
 ) -> GeometryFit:
     """Fit parameters and poses by a damped Gauss-Newton method.
 
@@ -441,24 +441,20 @@ def fit_geometry(
         # step the parameters, and the joints with them
         change = state.step(damping)  # (p,)
         joint_steps = equations.joint_step + equations.joint_slopes @ change
-        moved = geometry.dimensions(values + change) - geometry.dimensions(values)
-        next_q = _move_poses(model, q, model.joints, joint_steps, moved)
+        dimension_steps = geometry.dimensions(values + change) - geometry.dimensions(values)  # (g,)
+        next_q = _move_poses(model, q, model.joints, joint_steps, dimension_steps)
         following = eliminate_poses(geometry, measured, next_q, values + change)
 
-        # the cost must not rise by more than rounding
-        if (
-            not _cost(following, values + change, prior, state)
-            <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING
-        ):
+        # the cost must not rise by more than rounding, nor become NaN
+        allowed = cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING
+        if not _cost(following, values + change, prior, state) <= allowed:
             damping *= 10.0
             continue
 
         q, values, equations = next_q, values + change, following
         damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
         state = _weigh(equations, values, prior, state.weights)
-        cost = _cost(
-            equations, values, prior, state
-        )  # with the new weights, which the next step must not raise
+        cost = _cost(equations, values, prior, state)  # of the new weights, to compare the next step with
         if np.abs(change / prior).max() < converged:
             return _with_deviations(equations, values, prior, state, steps)
     raise NotConverged(
@@ -513,9 +509,9 @@ def _weigh(equations: ParameterEquations, values: Array, prior: Array, weights: 
     Mathematical Statistics 35, 1964).
     """
     huber_ratio = 2.0
-    before = _linearise(equations, values, prior, weights)
+    linearised = _linearise(equations, values, prior, weights)
     residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / equations.per_instant)  # (T,)
-    noise, freedom = _estimate_noise(before.s, len(weights) * equations.per_instant, np.median(residuals))
+    noise, freedom = _estimate_noise(linearised.s, len(weights) * equations.per_instant, np.median(residuals))
     weights = np.sqrt(np.minimum(1.0, huber_ratio * noise / np.maximum(residuals, RANK_ROUNDING)))
     return _linearise(equations, values, prior, weights)._replace(noise=noise, freedom=freedom)
 

@@ -87,7 +87,7 @@ class Conversions:
 
 
 def load_recording(
-    robot: ParallelRobot, data: Recording | str | Path, conversions: Conversions | None = None
+    robot: ParallelRobot, data: Recording | str | Path, conversions: Conversions | None
 ) -> Recording:
     """Check a recording, or read one if `data` is a file name, and convert its columns.
 

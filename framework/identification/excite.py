@@ -87,7 +87,8 @@ class Excitation(ReadOnlyArrays):
     Attributes:
         identification: of the simulated recording, by which the robot file's own values are the truth.
         tracking_error: largest distance of the simulated platform from the motion [robot lengths, rad].
-        improvement: mean deviation of what is shown before the search, over that after.
+        improvement: geometric mean of deviations by the first motion tried, over those by the best one; of
+            the base parameters that the best one shows.
     """
 
     robot: ParallelRobot
@@ -295,9 +296,9 @@ class _Design:
         if beyond.any():
             joint = robot.limits[int(beyond.max(axis=0).argmax())].joint
             return f"{joint} leaves its range"
-        near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance
-        if near.any():
-            return f"it comes near a Type {1 + int(near.argmax())} singularity"
+        is_near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance  # (2,)
+        if is_near.any():
+            return f"it comes near a Type {1 + int(is_near.argmax())} singularity"
         motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
         if (np.abs(speed) > share * self.speed_limit).any():
@@ -317,8 +318,8 @@ class _Design:
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
         W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
         by_prior = np.linalg.norm(self.columns, axis=1)
-        asked = by_prior > 0.0
-        return np.linalg.norm(self.columns[asked] @ posterior_root(W), axis=1) / by_prior[asked]
+        free = by_prior > 0.0  # (r,) of these m
+        return np.linalg.norm(self.columns[free] @ posterior_root(W), axis=1) / by_prior[free]
 
 
 def _search(

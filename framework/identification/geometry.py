@@ -64,7 +64,9 @@ class Geometry(ReadOnlyArrays):
         if not self.numbers:
             return values[: len(self.turning)]
         changes = dict(zip(self.numbers, values[: len(self.numbers)].tolist(), strict=True))
-        return _dimensions_with(self.robot.description, self.joints, self.lengths, changes)
+        description = self.robot.description
+        changed = _with_parameters(description, changes)
+        return _dimension_changes(description, changed, self.joints, self.lengths)
 
     def slopes(self, values: Array) -> Array:
         """Compute the derivatives (g, p) of the dimensions with respect to the parameters (p,)."""
@@ -92,11 +94,10 @@ class Geometry(ReadOnlyArrays):
 
     def description(self, values: Array) -> RobotDescription:
         """Return the robot's description with origins and lengths changed by parameters (p,)."""
-        values = self.dimensions(values)
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
         elements = elements_by_name(urdf, "joint")
-        moves, lengths = np.split(values, [6 * len(self.joints)])
+        moves, lengths = np.split(self.dimensions(values), [6 * len(self.joints)])
         for joint, move in zip(self.joints, moves.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
@@ -154,7 +155,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
             robot file, which then are the only ones.
 
     Raises:
-        InvalidInput: a name is not one of these.
+        InvalidInput: a name is not one of these, or parameters of the file are mixed with joints.
     """
     description = robot.description
     tree = read_tree(fromstring(description.urdf_text))
@@ -164,6 +165,11 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     numbers = tuple(name for name in description.parameters if name in (joints or ()))
     for name in joints or ():
         check_choice("joint", name, [*candidates, *with_length, *description.parameters])
+    if numbers and (beside := [name for name in joints or () if name not in numbers]):
+        raise InvalidInput(
+            f"joints: {', '.join(numbers)} and {', '.join(beside)}: give parameters of the robot file, or "
+            f"joints and closures, not both"
+        )
     if numbers:
         joints = _dependent_dimensions(description, numbers, candidates, with_length)
     lengths = tuple(name for name in with_length if joints is None or name in joints)
@@ -195,24 +201,25 @@ def _steps(description: RobotDescription, numbers: Names) -> list[float]:
     return [1e-6 * max(abs(description.parameters[name]), 1e-2) for name in numbers]
 
 
-def _dimensions_with(
-    description: RobotDescription, joints: Names, lengths: Names, changes: Mapping[str, float]
+def _with_parameters(description: RobotDescription, changes: Mapping[str, float]) -> RobotDescription:
+    """Read the robot file again with changes of its parameters."""
+    values = {name: value + changes.get(name, 0.0) for name, value in description.parameters.items()}
+    return read_robot_file(description.file, values)
+
+
+def _dimension_changes(
+    description: RobotDescription, changed: RobotDescription, joints: Sequence[str], lengths: Sequence[str]
 ) -> Array:
-    """Read the changes (g,) of the file's dimensions by changes of its parameters."""
-    other = read_robot_file(
-        description.file,
-        {name: value + changes.get(name, 0.0) for name, value in description.parameters.items()},
-    )
-    ours, theirs = (read_tree(fromstring(one.urdf_text)).joints for one in (description, other))
-    moves = []
+    """Compute the changes (g,) of joint origins and lengths [m, rad] from a description to a changed one."""
+    origins, new_origins = (read_tree(fromstring(one.urdf_text)).joints for one in (description, changed))
+    changes = []
     for name in joints:
-        move = np.linalg.solve(ours[name].origin, theirs[name].origin)  # (4, 4)
+        move = np.linalg.solve(origins[name].origin, new_origins[name].origin)  # (4, 4)
         R = move[:3, :3]  # of rotations about x, y, z in turn
         y = np.arcsin(np.clip(R[0, 2], -1.0, 1.0))
-        moves.append([*move[:3, 3], np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
-    new, old = ({c.name: c.length or 0.0 for c in one.closures} for one in (other, description))
-    changed = [new[name] - old[name] for name in lengths]
-    return np.concatenate([*map(np.array, moves), changed])
+        changes += [*move[:3, 3], np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])]
+    old, new = ({loop.name: loop.length or 0.0 for loop in one.closures} for one in (description, changed))
+    return np.array(changes + [new[name] - old[name] for name in lengths])
 
 
 def _dependent_dimensions(
@@ -221,19 +228,17 @@ def _dependent_dimensions(
     """Return the joints and closures whose dimensions depend on parameters of the robot file."""
     depend: set[str] = set()
     for name, step in zip(numbers, _steps(description, numbers), strict=True):
-        values = _dimensions_with(description, tuple(joints), tuple(lengths), {name: step})
-        moves, changes = np.split(values, [6 * len(joints)])
-        moved = [j for j, move in zip(joints, moves.reshape(-1, 6), strict=True) if np.abs(move).max() > 0.0]
-        moved += [closure for closure, length in zip(lengths, changes, strict=True) if length]
-        other = read_robot_file(
-            description.file, {**description.parameters, name: description.parameters[name] + step}
-        )
-        if not moved or _other_geometry(other) != _other_geometry(description):
-            what = "gear ratios, axes or couplings too" if moved else "no joint origin and no length"
+        changed = _with_parameters(description, {name: step})
+        change = _dimension_changes(description, changed, joints, lengths)  # (g,)
+        moves, lengthenings = np.split(change, [6 * len(joints)])
+        dependent = [joint for joint, move in zip(joints, moves.reshape(-1, 6), strict=True) if move.any()]
+        dependent += [closure for closure, longer in zip(lengths, lengthenings, strict=True) if longer]
+        if not dependent or _other_geometry(changed) != _other_geometry(description):
+            what = "gear ratios, axes or couplings too" if dependent else "no joint origin and no length"
             raise InvalidInput(
                 f"{description.name}: the parameter {name} changes {what}; calibrate joints in its place"
             )
-        depend.update(moved)
+        depend.update(dependent)
     return [name for name in (*joints, *lengths) if name in depend]
 
 

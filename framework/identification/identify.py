@@ -79,7 +79,7 @@ class Identification(ReadOnlyArrays):
             deviation 0.
         determined: (rank,) whether the data leave less than DETERMINED_SHARE of the prior's deviation.
         parameters: (p,) the most probable values of `base.parameters` that bodies can have, by the data and
-            a prior about the file. Those that the data do not show stay at the file's values.
+            a prior about the file. Those that the data do not show stay near the file's values.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
         predictions: of the torques held out, the twin's first.
         noise: (n_a,) root mean square residual of the motor torques [N m, N].
@@ -93,7 +93,7 @@ class Identification(ReadOnlyArrays):
     determined: BoolArray
     parameters: Array
     links: LinkParameters
-    link_values: Array
+    link_values: Array  # (u,) most probable parameters of `links`
     quantities: tuple[IdentifiedQuantity, ...]
     predictions: tuple[Prediction, ...]
     noise: Array
@@ -250,7 +250,8 @@ def identify(
             if that fails.
         start: joints' positions near the first row [rad, m], if the motion begins in another mode than the
             reference; by default from columns joint_NAME or the measured platform, else the reference.
-        prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
+        prior: factor of the file's standard deviations; at 1 a mass is off by its own size, friction by a
+            typical size of this robot.
         massless: whether to include bodies that have no mass in the file.
         sensor_errors: standard deviations of errors of the torque sensors: `scale` (share of a torque, by
             default 0.005), `offset` (share of its root mean square), `delay` [s].
@@ -288,22 +289,22 @@ def identify(
         test = torque_rows(robot, other, base, exact_motion=True)
 
     # the base parameters, then bodies that can exist, and simpler models
-    found = estimate(rows, unknowns.design, base.values, errors)
-    possible = fit_possible_parameters(robot, links, unknowns, found)
+    estimated = estimate(rows, unknowns.design, base.values, errors)
+    possible = fit_possible_parameters(robot, links, unknowns, estimated)
     change = possible.values - links.values
-    deviations = np.linalg.norm(unknowns.design @ found.spread, axis=1)
+    deviations = np.linalg.norm(unknowns.design @ estimated.spread, axis=1)
     return Identification(
         robot=robot,
         base=base,
-        values=base.values + unknowns.design @ found.values,
+        values=base.values + unknowns.design @ estimated.values,
         deviations=deviations,
         determined=is_determined(deviations, np.linalg.norm(unknowns.design, axis=1)),
         parameters=base.described.values + links.to_parameters @ change,
         links=links,
         link_values=possible.values,
         quantities=_describe(robot, links, unknowns, possible),
-        predictions=_compare(robot, base, links, rows, test, possible, found, errors, only),
-        noise=found.noise,
+        predictions=_compare(robot, base, links, rows, test, possible, estimated, errors, only),
+        noise=estimated.noise,
         steps=_torque_steps(measured.torque),
         cutoff=measured.cutoff,
         poses=measured.source,
@@ -311,8 +312,8 @@ def identify(
         instants=len(measured.times),
         period=float(np.median(np.diff(measured.times))),
         jitter=float(np.ptp(np.diff(measured.times))),
-        equations=found.equations,
-        order=found.order,
+        equations=estimated.equations,
+        order=estimated.order,
         seconds=clock.perf_counter() - started,
     )
 
@@ -339,7 +340,7 @@ def _compare(
     rows: TorqueRows,
     test: TorqueRows,
     possible: PossibleParameters,
-    found: Estimate,
+    estimated: Estimate,
     errors: Mapping[str, float],
     only: Sequence[str],
 ) -> tuple[Prediction, ...]:
@@ -348,7 +349,7 @@ def _compare(
     def residuals(values: Array) -> Array:
         """Return measured minus predicted torques (T, n_a) by parameters (u,) of links and motors."""
         beta = base.values + base.combinations.coefficients @ links.to_parameters @ (values - links.values)
-        return test.torque - test.constant - test.matrix @ beta - found.offset
+        return test.torque - test.constant - test.matrix @ beta - estimated.offset
 
     models = {"twin": residuals(possible.values), "zero": test.torque, "file": residuals(links.values)}
     # dry and viscous friction explain the torques, nothing else does
@@ -413,11 +414,11 @@ BODY_QUANTITIES = {
 def _describe(
     robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, possible: PossibleParameters
 ) -> tuple[IdentifiedQuantity, ...]:
-    """Return masses, centres, inertias about them, and motor parameters, with deviations.
+    """Return masses, centres, central inertias and motor parameters, with deviations.
 
     The covariance S S' of the parameters gives that of their quantities, J S S' J', with J by differences.
-    Motions without noise leave what changes no torque, so a quantity that varies there is none that torques
-    show alone.
+    Even without noise torques leave `Unknowns.hidden` open: a quantity is shown alone if it hardly varies
+    there.
     """
     table: list[tuple[str, str]] = []  # names and units of the u quantities
     table += [(f"{link}.{name}", unit) for link in links.links for name, unit in BODY_QUANTITIES.items()]
@@ -427,7 +428,7 @@ def _describe(
 
     values = _body_quantities(links, possible.values)
     in_file = _body_quantities(links, links.values)
-    steps = 1e-6 * links.prior_sizes + np.finfo(float).tiny
+    steps = 1e-6 * np.linalg.norm(links.prior_root, axis=1) + np.finfo(float).tiny  # (u,)
     changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
     J = changes.T / steps  # (u, u)
     # (u,) deviations by data and prior, by the prior, and by what no motion shows

@@ -61,10 +61,8 @@ def posterior_root(rows: Array) -> Array:
     S = V / sqrt(1 + s^2).
     """
     k = rows.shape[1]
-    triangle = np.linalg.qr(
-        np.concatenate([rows, np.zeros((k, k))]), mode="r"
-    )  # (k, k) with the same s and V
-    _, s, V_rows = np.linalg.svd(triangle)
+    # the triangle (k, k) of a QR decomposition has the same s and V
+    _, s, V_rows = np.linalg.svd(np.linalg.qr(np.concatenate([rows, np.zeros((k, k))]), mode="r"))
     return V_rows.T / np.sqrt(1.0 + s**2)
 
 
@@ -99,13 +97,12 @@ def estimate(
     T, n_a = rows.torque.shape
     motion = _MotionErrors.of(rows)
     augmented = np.column_stack([start, design])  # (r, 1 + k)
-    unknowns = np.eye(1 + k)[0]  # beta = augmented @ unknowns: 1, then those that are asked for
+    factors = np.eye(1 + k)[0]  # beta = augmented @ factors: 1, then the unknowns
     matrix = rows.matrix @ augmented  # (T, n_a, 1 + k)
     response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, signals, 1 + k)
     predicted = rows.torque
-    corrections = draw = np.zeros(
-        motion.angles.shape[1]
-    )  # errors z of the motion, and the rest that is drawn
+    # errors z of the motion, and what is added to these when z is drawn from its distribution
+    corrections = draw = np.zeros(motion.angles.shape[1])
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
@@ -115,17 +112,17 @@ def estimate(
         corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + k)
         spurious = motion.change(response, draw)[..., 1:]
         sensors, deviations = _sensor_columns(rows, predicted, errors)
-        misfit = rows.torque - rows.constant - matrix @ unknowns
+        misfit = rows.torque - rows.constant - matrix @ factors
         columns = np.concatenate([spurious, sensors, corrected[..., 1:], misfit[..., None]], axis=2)
-        slopes = motion.torques(response @ unknowns)  # (T n_a, z)
+        slopes = motion.torques(response @ factors)  # (T n_a, z)
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
-        solution = _solve_equations(reduced.rows, unknowns[1:], deviations)
+        solution = _solve_equations(reduced.rows, factors[1:], deviations)
 
         # the noise is what this solution leaves
-        step = solution.values - unknowns[1:]  # (k,)
-        unknowns = np.append(1.0, solution.values)
-        predicted = rows.constant + matrix @ unknowns
+        step = solution.values - factors[1:]  # (k,)
+        factors = np.append(1.0, solution.values)
+        predicted = rows.constant + matrix @ factors
         corrections = reduced.corrections @ np.r_[np.zeros(k), -solution.sensors, -step, 1.0]
         draw = reduced.draw
         residual = misfit - sensors @ solution.sensors - corrected[..., 1:] @ step  # (T, n_a)

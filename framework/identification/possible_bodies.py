@@ -32,7 +32,7 @@ class PossibleParameters(NamedTuple):
 
 
 def fit_possible_parameters(
-    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, found: Estimate
+    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, estimated: Estimate
 ) -> PossibleParameters:
     """Compute the most probable parameters (u,) of possible links and motors.
 
@@ -42,8 +42,8 @@ def fit_possible_parameters(
     Raises:
         NotConverged: the solver does not converge.
     """
-    best = links.values + unknowns.shown @ found.values
-    spread = np.hstack([unknowns.shown @ found.spread, unknowns.hidden])  # (u, w)
+    best = links.values + unknowns.shown @ estimated.values
+    spread = np.hstack([unknowns.shown @ estimated.spread, unknowns.hidden])  # (u, w)
 
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
     is_free = (spread != 0.0).any(axis=1)
@@ -56,7 +56,7 @@ def fit_possible_parameters(
         raise NotConverged(
             f"no parameters of bodies that can exist were found ({y.status})",
             name=robot.name,
-            residual=float(np.linalg.norm(found.values)),
+            residual=float(np.linalg.norm(estimated.values)),
         )
 
     values = best + spread @ y
@@ -68,10 +68,10 @@ def fit_possible_parameters(
     return PossibleParameters(values, spread)
 
 
-def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
+def _inertia_cone(file_values: Array, spread: Array, best: Array) -> LinearMatrix:
+    """Return the scaled pseudo-inertia D P D of a link, affine in y (w,).
 
-    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). The diagonal D
+    P belongs to the link's parameters best + spread y, with `best` (10,) and `spread` (10, w). The diagonal D
     gives the `file_values` (10,) mass 1 and largest second moment 1, so that rounding is relative to 1,
     whatever the units and the link. Negative eigenvalues of the size of rounding are allowed.
     """
@@ -79,6 +79,6 @@ def _inertia_cone(file_values: Array, change: Array, best: Array) -> LinearMatri
     mass = diagonal[3]
     largest = diagonal[:3].max() or mass  # a point mass at the origin has no moments: they get its scale
     D = np.diag(1.0 / np.sqrt([largest, largest, largest, mass]))
-    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)  # (4, 4, u)
+    slopes = np.moveaxis(D @ pseudo_inertia(spread.T) @ D, 0, 2)  # (4, 4, w)
     offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))

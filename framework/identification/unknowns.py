@@ -47,20 +47,21 @@ def is_determined(deviations: Array, by_prior: Array) -> BoolArray:
 def choose_unknowns(
     base: BaseParameters, links: LinkParameters, only: Sequence[str] = (), prior: float = 1.0
 ) -> Unknowns:
-    """Choose the unknowns that are asked for; all without names.
+    """Choose the unknowns of the parameters that are asked for.
 
     Args:
-        only: "payload", "friction", "rotor", or names of links, motors' joints or parameters.
-        prior: ratio of the standard deviations of the file's values to the sizes of the parameters.
+        only: "payload", "friction", "rotor", or names of links, motors' joints or parameters; by default all.
+        prior: factor of the standard deviations of the file's values.
 
     Raises:
         InvalidInput: an unknown name.
     """
     sizes = base.described.sizes  # (p,)
     coefficients = base.combinations.coefficients  # (rank, p)
-    # bodies without mass have no link whose parameters could change, and typical sizes of this robot
-    massless = np.diag(sizes)[:, ~links.to_parameters.any(axis=1) & (not only)]  # (p, m)
-    change = np.zeros((len(links.values), len(links.values) + massless.shape[1]))  # (u, z)
+    # bodies without mass have no link whose parameters could change: they have typical sizes of this robot
+    is_massless = ~links.to_parameters.any(axis=1)  # (p,)
+    massless = np.diag(sizes)[:, is_massless & (not only)]  # (p, m)
+    change = np.zeros((len(links.values), len(links.values) + massless.shape[1]))  # (u, u + m) by z
     free = _free_parameters(base, links, only)
     root = links.prior_root.copy()
     if only:  # a rotor that is asked for is unknown where the file has none
@@ -70,7 +71,7 @@ def choose_unknowns(
         absent = rotors[links.values[rotors] == 0.0]
         root[absent, absent] = sizes[absent - len(root)]  # motors are the last of both
     change[free, : len(root)] = prior * root[free]
-    by_change = coefficients @ (links.to_parameters @ change)  # (rank, z)
+    by_change = coefficients @ (links.to_parameters @ change)  # (rank, u + m) base parameters by z
     by_change[:, len(links.values) :] = prior * coefficients @ massless
     scale = sizes[base.combinations.leading, None]  # (rank, 1) makes the base parameters comparable
     by_change /= scale

@@ -174,12 +174,13 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
     return passive[choose_rows(motions.T, len(motions))]
 
 
-def jacobians_apart(mechanism: Mechanism, reference: Array, *, distance: float = 0.5) -> list[Array]:
+def jacobians_apart(mechanism: Mechanism, reference: Array) -> list[Array]:
     """Compute dimensionless Jacobians (rows + rounded, nv) of the loops at the reference and poses apart.
 
     Poses about 0.5 rad or lengths apart tell combinations of rows that change from pose to pose, also to
     third order only, from those that rounded dimensions leave.
     """
+    distance = 0.5  # [rad, robot lengths]
     rows = mechanism.rows.append(mechanism.rounded)
     poses = [reference, *nearby_configurations(mechanism, reference, distance=distance)]
     return list(scaled_equations(mechanism, rows, frames_at(mechanism, np.stack(poses))).jacobian)

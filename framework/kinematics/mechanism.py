@@ -316,7 +316,7 @@ class Mechanism(ReadOnlyArrays):
         return read_only(sliding)
 
     def unit_lengths(self, turning: BoolArray) -> Array:
-        """Return the unit of k numbers: 1 rad if `turning` (k,), else the length [m] of the mechanism."""
+        """Return the units (k,) of k numbers: 1 if `turning` (k,), else the length [m] of the mechanism."""
         return np.where(turning, 1.0, self.length)
 
     @cached_property

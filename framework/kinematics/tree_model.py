@@ -41,7 +41,7 @@ def tree_model(tree: Tree, as_declared: Collection[str] = (), order: Sequence[st
     The third axis of a ball is turned towards the centre of mass of its child, except on those `as_declared`.
 
     Args:
-        tree: of the URDF, with springs.
+        tree: of a URDF, with the joints of springs.
         as_declared: names of the balls whose axes are not turned.
         order: names of joints; those between them, of springs, follow the joint that carries them. By default
             the order is that of pinocchio's parser: depth first, the joints of a link by name.
@@ -76,8 +76,8 @@ def tree_model(tree: Tree, as_declared: Collection[str] = (), order: Sequence[st
             j = model.addJoint(parent, _joint_model(joint), pose, joint.name)
             if joint.kind in MOVING:
                 k = model.joints[j].idx_q
-                limits = joint.limits if joint.kind != "continuous" else None
-                model.lowerPositionLimit[k], model.upperPositionLimit[k] = limits or (-ENDLESS, ENDLESS)
+                limits = joint.limits or (-ENDLESS, ENDLESS)
+                model.lowerPositionLimit[k], model.upperPositionLimit[k] = limits
                 k = model.joints[j].idx_v
                 model.effortLimit[k], model.velocityLimit[k] = joint.effort, joint.speed
             frame = model.addFrame(pin.Frame(joint.name, j, frame, axes, pin.FrameType.JOINT))

@@ -73,7 +73,7 @@ def describe_tree(
     parameters: Mapping[str, float],
     locked: Mapping[str, float] = MappingProxyType({}),
 ) -> ParsedRobot:
-    """Read the keys of a robot on its tree.
+    """Read the keys of a robot file on a tree, and make the description.
 
     Args:
         path: of the robot file.

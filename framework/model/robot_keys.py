@@ -122,17 +122,17 @@ class RobotReader:
     Each is called with the place `where` in the file and the value `given` there.
     """
 
-    def __init__(self, urdf: Tree, locked: Iterable[str] = ()) -> None:
+    def __init__(self, tree: Tree, locked: Iterable[str] = ()) -> None:
         """Collect the names that keys of the file may use.
 
         Args:
-            urdf: links and joints, in which locked joints are fixed.
+            tree: links and joints, in which locked joints are fixed.
             locked: names of locked joints. Couplings, springs, dynamics and reference may name them, too, and
                 then have no effect.
         """
-        self.urdf = urdf
-        self.movable = [*urdf.movable, *locked]  # joints of one freedom
-        self.coordinates = [*urdf.coordinates, *locked]  # also those of joints with several freedoms
+        self.tree = tree
+        self.movable = [*tree.movable, *locked]  # joints of one freedom
+        self.coordinates = [*tree.coordinates, *locked]  # also those of joints with several freedoms
 
     def table(self, *, is_coupled: bool) -> Table:
         """Return the keys that describe the robot on its tree.
@@ -163,7 +163,7 @@ class RobotReader:
         """
         table = {
             "name": required(text),
-            "parent": required(one_of("link", self.urdf.links)),
+            "parent": required(one_of("link", self.tree.links)),
             "xyz": optional(vector3, (0.0, 0.0, 0.0)),
             "rpy": optional(vector3, (0.0, 0.0, 0.0)),
             "mass": optional(positive),
@@ -176,7 +176,7 @@ class RobotReader:
 
     def frame(self, where: str, given: Any) -> str:
         """Read a frame, and return its link; a joint means its child."""
-        return self.urdf.link_of(one_of("frame", self.urdf.frames)(where, given))
+        return self.tree.link_of(one_of("frame", self.tree.frames)(where, given))
 
     def platform(self, where: str, given: Any) -> Platform:
         """Read a platform: a frame with axes, or joints with or without a frame."""
@@ -186,15 +186,15 @@ class RobotReader:
             return Platform(**read_table(where, given, on_axes))
         if "axes" in content:
             raise RobotFileError(f"{where}: needs either axes or joints, and not both")
-        of_joints = {"joints": required(distinct("joint", self.urdf.movable)), "frame": optional(self.frame)}
+        of_joints = {"joints": required(distinct("joint", self.tree.movable)), "frame": optional(self.frame)}
         values = read_table(where, given, of_joints)
-        frame = values["frame"] or self.urdf.joints[values["joints"][-1]].child
+        frame = values["frame"] or self.tree.joints[values["joints"][-1]].child
         return Platform(frame, joints=values["joints"])
 
     def actuator(self, where: str, given: Any) -> Actuator:
         """Read a motor: joint, gear ratio, rotor inertia [kg m^2], limits, backlash [rad, m]."""
         readers = {
-            "joint": one_of("joint", self.urdf.joints),
+            "joint": one_of("joint", self.tree.joints),
             "gear_ratio": positive,
             "rotor_inertia": not_negative,
             "torque_limit": _read_limit,
@@ -244,7 +244,7 @@ class RobotReader:
         if len(frames) != 2 or frames[0] == frames[1]:
             raise RobotFileError(f"{where}: needs two different frames, got {list(frames)}")
         first, second = frames
-        if self.urdf.body(first) == self.urdf.body(second):
+        if self.tree.body(first) == self.tree.body(second):
             raise RobotFileError(f"{where}: {first!r} and {second!r} are on one rigid body")
         return first, second
 
@@ -286,7 +286,7 @@ class RobotReader:
         An entry under the name of a ball is for its three coordinates; the values of an entry for one of
         these coordinates override it.
         """
-        joints = self.urdf.joints
+        joints = self.tree.joints
         whole_joints = [name for name, joint in joints.items() if joint.kind in COORDINATE_SUFFIXES]
         read_name = one_of("joint", [*self.coordinates, *whole_joints])
         stated = mapping_of(record(_DYNAMICS_TABLE), read_name)(where, given)
@@ -322,7 +322,7 @@ class RobotReader:
         virtual = {
             "name": required(text),
             "part": required(one_of("part", ("joint", "link"))),
-            "after": required(one_of("joint", self.urdf.joints)),
+            "after": required(one_of("joint", self.tree.joints)),
             "motion": optional(_read_motion, ()),
             "stiffness": required(one_or_list_of(positive)),
         }
@@ -333,7 +333,7 @@ class RobotReader:
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
         if not spring.motion and spring.after not in self.movable:
-            kind = self.urdf.joints[spring.after].kind
+            kind = self.tree.joints[spring.after].kind
             raise RobotFileError(
                 f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no motion of "
                 f"its own (valid: {', '.join(AXES)} or a list of them)"

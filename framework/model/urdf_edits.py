@@ -42,7 +42,7 @@ def urdf_text(tree: Tree) -> str:
 
 
 def urdf_root(tree: Tree) -> Element:
-    """Return the `<robot>` of a tree; links and joints that have not changed are those of the file."""
+    """Return the `<robot>` of a tree, with the elements of joints that have one."""
     root = Element("robot", name=tree.name)
     root.extend(tree.others)
     root.extend(tree.links.values())
@@ -62,7 +62,7 @@ def origin_element(matrix: Array) -> Element:
 
 
 def joint_element(joint: Joint) -> Element:
-    """Return the `<joint>` of a joint; without limits, those that URDF requires are never reached."""
+    """Return the `<joint>` of a joint; limits that URDF requires are `ENDLESS` by default."""
     element = Element("joint", name=joint.name, type=joint.kind)
     SubElement(element, "parent", link=joint.parent)
     SubElement(element, "child", link=joint.child)
@@ -179,7 +179,7 @@ def lock_joints(tree: Tree, locked: Mapping[str, float]) -> None:
 
 
 def fixed_joint(joint: Joint, *values: float) -> Joint:
-    """Return a joint that moves as one fixed at the values [rad, m] of its coordinates."""
+    """Return a joint fixed at the values [rad, m] of its coordinates."""
     if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone

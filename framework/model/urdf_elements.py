@@ -1,7 +1,7 @@
 """Locate a URDF; read and check its joints and links: names, numbers, tree.
 
-Pinocchio's parser prints to the console and explains little, so this module finds the errors first. Messages
-name the element (`where`); the caller prefixes the file.
+Readers, springs and pinocchio's model work on `Tree`; XML is read here and written by `urdf_edits.urdf_text`.
+Messages name the element (`where`); the caller prefixes the file.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ JOINT_TYPES = ("fixed", *MOVING, *COORDINATE_SUFFIXES)
 ENDLESS = 1e9  # limit [rad, m, N m, N and per s] that no motion reaches
 UNIVERSE = "universe"  # pinocchio's name of what does not move
 MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
-MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
+MAX_TREE_DEPTH = 1000  # joints from the root to a link; no robot has more
 PACKAGE = "package://"
 INERTIA_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
 # primitive shapes, with the attributes (in SDF the children) that have their sizes
@@ -73,7 +73,9 @@ class Joint:
     speed: float = ENDLESS
     dynamics: JointDynamics = field(default_factory=JointDynamics)  # along each coordinate
     mimic: Coupling | None = None  # of a joint of one freedom
-    element: Element | None = None  # of the file, written again as it is; None once the joint has changed
+    element: Element | None = (
+        None  # of the file, which is written instead of the fields; None if these differ
+    )
 
     @property
     def moves(self) -> bool:
@@ -88,10 +90,10 @@ class Joint:
 
 @dataclass
 class Tree:
-    """Links and joints by name, in the order of the file; readers and springs change them."""
+    """Links and joints by name, in the order of the file; readers and springs add and replace joints."""
 
     name: str
-    links: dict[str, Element]  # with inertia and shapes
+    links: dict[str, Element]  # of the URDF, with inertia and shapes
     joints: dict[str, Joint] = field(default_factory=dict)
     others: Sequence[Element] = ()  # materials, and what other programs read
 
@@ -112,7 +114,7 @@ class Tree:
             self.links.setdefault(joint.child, Element("link", name=joint.child))
 
     def copy(self) -> Tree:
-        """Return a tree that changes by itself."""
+        """Return a copy with the same elements, whose links and joints can be replaced."""
         return Tree(self.name, dict(self.links), dict(self.joints), self.others)
 
     @property
@@ -142,7 +144,7 @@ class Tree:
         return link
 
     def path_to_base(self, link: str) -> list[Joint]:
-        """Return the joints from a link to the base, in this order."""
+        """Return the joints from a link to the base, the link's own first."""
         path = []
         while joint := self.parent_joint.get(link):
             path.append(joint)
@@ -330,7 +332,7 @@ def _unique_elements(root: Element, tag: str) -> dict[str, Element]:
 
 
 def _read_joint(element: Element, links: Collection[str], impossible: Complaints | None) -> Joint:
-    """Read a joint between two of the `links`; an impossible limit goes to the list, if there is one.
+    """Read a joint between two of the `links`; refuse or collect an impossible limit.
 
     Raises:
         RobotFileError: a part is missing, malformed or of no known type; the limit is impossible, and there
@@ -384,9 +386,13 @@ def parse_limit(where: str, text: str) -> float:
 
 
 def _read_limits(joint: Element, where: str, *, is_needed: bool) -> dict[str, Any]:
-    """Read the fields `limits`, `effort` and `speed` of a joint in its <limit>, if it has one.
+    """Read the fields `limits`, `effort` and `speed` of a joint in its <limit>.
 
-    With `is_needed`, missing keys, limits in the wrong order and negative efforts or speeds are refused, too.
+    Without `is_needed`, that of a continuous joint, the numbers must be numbers and have no effect.
+
+    Raises:
+        RobotFileError: a number is malformed or, where they are needed, a key is missing, limits are in the
+            wrong order, or effort or speed is negative.
     """
     limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
     if limit is None:
@@ -427,9 +433,10 @@ def check_inertial(link: Element, extent: float) -> None:
 
 
 def read_inertial(link: Element) -> tuple[float, Array, Array]:
-    """Read a link's mass [kg], the placement (4, 4) of its inertia, and the inertia (3, 3) [kg m^2] there.
+    """Read a link's mass [kg], inertial placement (4, 4) and inertia (3, 3) [kg m^2].
 
-    The placement has its origin at the centre of mass. Without an <inertial> all is zero.
+    The inertia is about the centre of mass, the origin of the placement, on its axes. Without an <inertial>
+    mass and inertia are zero.
 
     Raises:
         RobotFileError: a part is missing or malformed.
@@ -483,13 +490,13 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
 
 
 def declared_dynamics(tree: Tree) -> dict[str, JointDynamics]:
-    """Return the dynamics of joints where they are not zero, by coordinate."""
+    """Return the joint dynamics that are not zero, by coordinate."""
     joints = [joint for joint in tree.joints.values() if joint.dynamics != JointDynamics()]
     return {coordinate: joint.dynamics for joint in joints for coordinate in joint.coordinates}
 
 
 def declared_couplings(tree: Tree, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Return the coupling q = multiplier q_leader + offset of each <mimic>, and remove these elements.
+    """Remove each <mimic>, and return its coupling q = multiplier q_leader + offset.
 
     The leader may be one of the `locked` joints.
 

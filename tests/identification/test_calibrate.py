@@ -257,6 +257,8 @@ def test_numbers_of_the_robot_file_are_calibrated_by_name(tmp_path):
     np.testing.assert_allclose(lengths, np.add(RODS, found.values[0]), rtol=0, atol=1e-12)
     with pytest.raises(InvalidInput, match="unused changes no joint origin and no length"):
         calibrate(nominal, data, joints=["unused"])
+    with pytest.raises(InvalidInput, match="joints: l and rod_a: give parameters"):
+        calibrate(nominal, data, joints=["l", "rod_a"])
 
 
 def measured_by(column: str, values: np.ndarray, lengths: tuple[float, float], x, y) -> Recording:

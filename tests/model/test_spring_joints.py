@@ -95,8 +95,8 @@ def test_with_springs_at_rest_all_links_are_where_the_rigid_robot_has_them(name)
 @pytest.mark.parametrize("after", ["motor", "rail", "weld"])
 def test_a_spring_moves_the_child_along_an_axis_of_its_own_frame(after, axis):
     child = {"motor": "crank", "rail": "slider", "weld": "tip"}[after]
-    urdf = model_of(REVOLUTE, [spring(after, axis)])
-    moved = placements(urdf, motor=MOTOR, rail=RAIL, soft=0.1)
+    elastic = model_of(REVOLUTE, [spring(after, axis)])
+    moved = placements(elastic, motor=MOTOR, rail=RAIL, soft=0.1)
     rigid = placements(model_of(REVOLUTE), motor=MOTOR, rail=RAIL)
     assert_same_pose(moved[child], rigid[child] * twisted(axis, 0.1))
     assert_same_pose(moved["tip"], moved[child] * (rigid[child].inverse() * rigid["tip"]))  # the rest follows
@@ -104,11 +104,11 @@ def test_a_spring_moves_the_child_along_an_axis_of_its_own_frame(after, axis):
 
 @pytest.mark.parametrize("after", ["motor", "rail"])
 def test_a_spring_without_motion_gives_way_as_its_joint_moves(after):
-    urdf = model_of(REVOLUTE, [spring(after)])
+    elastic = model_of(REVOLUTE, [spring(after)])
     joints = {"motor": MOTOR, "rail": RAIL}
     further = {**joints, after: joints[after] + 0.1}
     assert_same_pose(
-        placements(urdf, **joints, soft=0.1)["tip"], placements(model_of(REVOLUTE), **further)["tip"]
+        placements(elastic, **joints, soft=0.1)["tip"], placements(model_of(REVOLUTE), **further)["tip"]
     )
 
 
@@ -122,8 +122,8 @@ def test_a_joint_without_an_axis_has_the_urdf_default_x():
 
 def test_the_axes_of_one_spring_follow_each_other_in_the_order_given():
     several = spring("weld", "x", "rz", "y")
-    urdf = model_of(REVOLUTE, [several])
-    moved = placements(urdf, motor=MOTOR, soft_x=0.1, soft_rz=0.2, soft_y=0.3)["tip"]
+    elastic = model_of(REVOLUTE, [several])
+    moved = placements(elastic, motor=MOTOR, soft_x=0.1, soft_rz=0.2, soft_y=0.3)["tip"]
     expected = placements(model_of(REVOLUTE), motor=MOTOR)["tip"]
     for axis, amount in (("x", 0.1), ("rz", 0.2), ("y", 0.3)):
         expected *= twisted(axis, amount)
@@ -133,8 +133,8 @@ def test_the_axes_of_one_spring_follow_each_other_in_the_order_given():
 
 def test_several_springs_behind_one_joint_follow_it_in_the_order_given():
     springs = [spring("motor", name="drive"), spring("motor", "y", name="bend"), spring("rail", "rx")]
-    urdf = model_of(REVOLUTE, springs)
-    moved = placements(urdf, motor=MOTOR, drive=0.1, bend=0.2, soft=0.3)["crank"]
+    elastic = model_of(REVOLUTE, springs)
+    moved = placements(elastic, motor=MOTOR, drive=0.1, bend=0.2, soft=0.3)["crank"]
     assert_same_pose(moved, placements(model_of(REVOLUTE), motor=MOTOR + 0.1)["crank"] * twisted("y", 0.2))
 
 

@@ -80,6 +80,9 @@ def test_what_the_table_names_is_on_the_way_of_a_plan(reason):
 
 def test_a_refusal_is_said_from_its_parts_also_behind_a_process():
     refusal = errors.NoLaw("the law turns back", name="arm").adding("give other times", "")
+    wrong = pickle.loads(pickle.dumps(errors.RobotFileError("no loop").naming("arm.yaml").adding("add one")))
+    assert (wrong.name, wrong.message, wrong.clauses) == ("arm.yaml", "no loop", ("add one",))
+    assert str(wrong) == "arm.yaml: no loop; add one"
     again = pickle.loads(pickle.dumps(refusal.adding("nor does a bend help")))
     for error in (refusal, again):
         assert (error.message, error.clauses) == (

@@ -122,7 +122,7 @@ class _Joint(NamedTuple):
         dynamics = _make_dynamics((getattr(view, key)[0] for key in _DYNAMICS_FIELDS), rest)
         if not self.has_one_freedom:
             return Joint(self.name, self.kind, origin, dynamics=dynamics)
-        limits = (view.range - view.qpos0).tolist() if view.limited[0] else None
+        limits = tuple((view.range - view.qpos0).tolist()) if view.limited[0] else None
         return Joint(self.name, self.kind, origin, view.axis, limits, dynamics=dynamics)
 
 
