@@ -10,7 +10,7 @@ carried body. The rest of the motors' torque is the error of that mapping,
 
     e = G' tau_motor - N' (inverse dynamics of the carried body, with damping of the platform's joints),
 
-of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + G' dx) with the
+of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + dG/dt dx) with the
 posture's own G nearly all: what is left are the cranks and rods, and springs and dampers on joints and
 between points. These have the torques N' f(q, dq), f the forces that hold them. Dry friction and backlash of
 the motors' joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with

@@ -17,7 +17,7 @@ PARTS = ("carried", "links", "rotors", "inertia")
 FIGURES = ("inertia", "limits", "mapping")  # and their ends .pdf and .png
 HEAD = "{robot}: {poses} poses, {unreached} of the ranges not reached or singular; posture {posture}"
 ERROR_HEAD = (
-    f"  error of tau_joint = G' tau_motor in a sine of {AMPLITUDE} about the posture, on its own axis"
+    f"  error of tau_joint = G^T tau_motor in a sine of {AMPLITUDE} about the posture, on its own axis"
 )
 
 

@@ -118,9 +118,8 @@ def _describe_pose(pose: JoggedPose) -> str:
         return f"A leg is {state} or folded. {end}"
     if pose.kind == "type_2":
         if is_near:
-            meaning = "The arrow is the motion of the platform that the motors hold least."
-            return f"Near a Type 2 singularity. {meaning}"
-        return "On a Type 2 singularity. Motors that are locked do not resist a small motion along the arrow."
+            return "Near a Type 2 singularity. The arrow is the motion that becomes uncontrolled there."
+        return "On a Type 2 singularity. Locked motors do not resist the arrow, the uncontrolled motion."
     name, meaning = CLASSES[pose.kind]
     return f"Near a {name}. There {meaning}." if is_near else f"On a {name}. Here {meaning}."
 

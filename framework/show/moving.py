@@ -6,7 +6,7 @@ A film has F frames.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from textwrap import fill
 from typing import NamedTuple
 
@@ -42,7 +42,7 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
     robot. Programs that do not animate PNGs show the singular instant of an apng.
 
     Args:
-        films: of one robot. Several films in a still picture need one path, through a singularity.
+        films: of one robot. Several films that all cross need one path in a still picture.
         kind: one of PICTURE_KINDS; a still picture shows the singular instant.
 
     Raises:
@@ -53,11 +53,15 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
 
 
 def _still_picture(films: Sequence[Film], kind: str) -> bytes:
-    """Draw the singular instant of one film, beside the eye of all films."""
+    """Draw the last singular instant, beside the eye of all films; side by side if some film has no eye."""
     film = _film_to_draw(films)
     with use_style():
-        scene = _scene_beside_eye(films)
-        plot_still(film, scene.robots[0], limit=film_limit(film, films))
+        if len(films) == 1 or all(each.instants for each in films):
+            scene = _scene_beside_eye(films)
+            plot_still(film, scene.robots[0], limit=film_limit(film, films))
+        else:
+            scene = _scene_of_films(films)
+            scene.share_limits([max((i.time for each in films for i in each.instants), default=0.0)])
         return figure_file(scene.drawing, kind, dpi=100)
 
 
@@ -68,13 +72,7 @@ def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
     with use_style():
         stage = _scene_beside_eye(films) if len(films) == 1 else _scene_of_films(films)
-        # the axes of all robots get the same limits, wide enough at all times
-        for t in times[:: -max(1, len(times) // 8)]:  # some times suffice; ends at the first
-            stage.move(t)
-        low_x, high_x = np.transpose([ax.get_xlim() for ax in stage.robots])
-        low_y, high_y = np.transpose([ax.get_ylim() for ax in stage.robots])
-        for ax in stage.robots:
-            ax.set(xlim=(low_x.min(), high_x.max()), ylim=(low_y.min(), high_y.max()))
+        stage.share_limits(times[:: -max(1, len(times) // 8)])  # some times suffice; ends at the first
         pictures = _render(stage, times)
     pauses = [*instants, end]
     durations = [SINGULAR_FRAME_TIME if t in pauses else FRAME_TIME for t in times]
@@ -134,6 +132,15 @@ class _Scene(NamedTuple):
         """Move all marks to an instant t [s]."""
         for mark in self.marks:
             mark.move(min(t, mark.end))
+
+    def share_limits(self, times: Iterable[float]) -> None:
+        """Give the axes of all robots the same limits, wide enough at all times [s]; end at the last."""
+        for t in times:
+            self.move(t)
+        low_x, high_x = np.transpose([ax.get_xlim() for ax in self.robots])
+        low_y, high_y = np.transpose([ax.get_ylim() for ax in self.robots])
+        for ax in self.robots:
+            ax.set(xlim=(low_x.min(), high_x.max()), ylim=(low_y.min(), high_y.max()))
 
 
 def _scene_beside_eye(films: Sequence[Film]) -> _Scene:

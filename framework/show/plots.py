@@ -63,7 +63,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
     axes = new_figure(3, height=1.25) if axes is None else list(axes)
     times = _sample_times(plan)
     # by the names that the values have in a crossing
-    labels = {"s": "$s$", "speed": r"$s'$  [1/s]", "acceleration": r"$s''$  [1/s$^2$]"}
+    labels = {"s": "$s$", "speed": "$s′$  [1/s]", "acceleration": "$s″$  [1/s$^2$]"}
     for order, (ax, (key, label)) in enumerate(zip(axes, labels.items(), strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
         ax.set_ylabel(label)
@@ -213,8 +213,8 @@ def plot_phase_plane(
             draw_dashed(ax, crossing.s)
             draw_dot(ax, crossing.s, value)
     upper, lower = axes
-    upper.set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$s'$  [1/s]")
-    lower.set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$s''$  [1/s$^2$]")
+    upper.set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel="$s′$  [1/s]")
+    lower.set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel="$s″$  [1/s$^2$]")
     lower.set_xlabel("path coordinate  $s$")
     legend_above(upper, columns=2)
     return axes
@@ -233,7 +233,7 @@ def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence
     lower.fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
     least = np.nanmin(curves.highest_speed, initial=np.inf)  # NaN: not even at rest
     if tops[0] < least < np.inf:  # the limit is above the axes: say where
-        text = rf"$s'$ may be {least:.3g} 1/s everywhere"
+        text = f"$s′$ may be {least:.3g} 1/s everywhere"
         box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
         corner: Style = {"transform": upper.transAxes, "ha": "right", "va": "top", "bbox": box}
         upper.text(0.98, 0.95, text, fontsize=7, **corner)

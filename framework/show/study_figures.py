@@ -131,7 +131,7 @@ def plot_robustness(
     for ax in axes:
         ax.set(ylabel="share of the runs", ylim=(0.0, 1.05))
     errors.set(xscale="log", xlabel="largest tracking error  [robot lengths, rad]")
-    errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label="tolerance")
+    errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label=f"tolerance {loop.tolerance:.2g}")
     limits = np.unique(loop.limit or ())
     is_near = limits < 2.0 * torques.get_xlim()[1]
     for limit in limits[is_near]:

@@ -18,7 +18,7 @@ from framework.show.film import film_plan
 from framework.show.map import plot_locus
 from framework.show.plots import plot_eyes, plot_phase_plane
 from framework.show.study_figures import plot_fidelity, plot_robustness
-from framework.show.style import LOCUS, new_figure
+from framework.show.style import LOCUS, figure_file, new_figure, use_style
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
 
@@ -64,6 +64,8 @@ def test_the_law_is_drawn_with_its_derivatives(plan):
         assert len(marks(ax)) == len(plan.crossings)
     assert "[s]" in axes[-1].get_xlabel()
     assert str(plan.law.degree) in axes[0].get_title(loc="left")
+    with use_style():  # a browser has no font of TeX, in which a prime is the digit 0
+        assert "font-family: 'cm" not in figure_file(axes[0].figure, "svg").decode()
 
 
 def test_the_torques_are_drawn_motor_by_motor(plan):

@@ -59,6 +59,7 @@ class Chart {
       svg("tspan", {}, head).textContent = bandName;
     }
     if (levelName) svg("tspan", { dx: 9 }, head).textContent = `┄ ${levelName}`;
+    if (head.getComputedTextLength() > width - 8) for (const [name, value] of [["textLength", width - 8], ["lengthAdjust", "spacingAndGlyphs"]]) head.setAttribute(name, value);
     const frame = `frame${frames++}`;
     svg("rect", box, svg("clipPath", { id: frame }, root));
     const inside = svg("g", { "clip-path": `url(#${frame})` }, root);

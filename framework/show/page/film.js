@@ -154,7 +154,7 @@ class Film {
     this.panels.push(new Chart(side, {
       title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 97 : 176 * taller,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
-        alarm ? `misses the eye: ${rounded(instant.wrench)} ${content.unit}` : "through the eye: 0")),
+        alarm ? `asks for ${rounded(instant.wrench)} ${content.unit}, given: 0` : "asks for 0")),
       series: [{ values: this.power, color: ink("wrench") }], band: this.band,
     }));
     this.panels.push(new Chart(side, {

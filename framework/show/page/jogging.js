@@ -39,7 +39,7 @@ class Hand {
     const given = `<div><span class="key given"></span>${turns ? "torques" : "forces"} that equal motors can give</div>`;
     return [
       locus ? key("var(--locus)", `singular locus${locus.whole ? "" : " (platform not turned)"}`) : "",
-      key("var(--twist)", "t<sub>s</sub>: direction least held"),
+      key("var(--twist)", "t<sub>s</sub>: uncontrolled motion"),
       start.sides ? given : no_figure ? `<div>what motors can give: ${plain(no_figure)}</div>` : "",
       this.content.lines ? key("var(--given)", `${turns ? "axes of the motors’ torques" : "lines of the motors’ forces"}, near a Type 2 singularity`) : "",
     ].join("");

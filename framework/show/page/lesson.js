@@ -161,7 +161,7 @@ function drawCurves() {
       events: [{ time: CROSSING, value: miss, alarm: !threads, said: threads ? "through the eye" : `misses the eye by ${rounded(Math.abs(miss))} N` }],
     },
     torque: {
-      title: `motor torque [${data.unit}]`, limit: 1.9 * best[state.gravity].limit, levels: [-limit, limit], levelName: "the motors' limit",
+      title: `motor torque [${data.unit}]`, limit: 1.9 * best[state.gravity].limit, levels: [-limit, limit], levelName: "limit",
       series: names.map((name, k) => ({ values: now.torque.map((each) => each[k]), color: PALETTE[k], dash: k ? "7 4" : "", name })),
       events: [{ time: CROSSING, alarm: !threads, said: threads ? "" : "no bound" }],
     },
