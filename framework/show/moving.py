@@ -54,11 +54,9 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
 
 def _still_picture(films: Sequence[Film], kind: str) -> bytes:
     """Draw the last singular instant, beside the eye of all films; side by side if some film has no eye."""
-    film = _film_to_draw(films)
     with use_style():
         if len(films) == 1 or all(each.instants for each in films):
             scene = _scene_beside_eye(films)
-            plot_still(film, scene.robots[0], limit=film_limit(film, films))
         else:
             scene = _scene_of_films(films)
             scene.share_limits([max((i.time for each in films for i in each.instants), default=0.0)])
@@ -144,11 +142,12 @@ class _Scene(NamedTuple):
 
 
 def _scene_beside_eye(films: Sequence[Film]) -> _Scene:
-    """Place one robot beside the eye of the needle of all films or, without a crossing, its torques."""
+    """Place the first proved film's robot beside the eye of all films or, without a crossing, its torques."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
-    film = _film_to_draw(films)
+    film = next((film for film in films if film.proved), films[0])
     limit = film_limit(film, films)
+    plot_still(film, left, limit=limit)
     marks = [_robot_mark(film, left, limit)]
     if film.instants:
         plot_eyes(films, limit, right)
@@ -215,11 +214,6 @@ def _time_mark(film: Film, ax: Axes) -> _Mark:
     """Return the mark of an upright line at the instant."""
     line = ax.axvline(0.0, color="black", linewidth=0.8)
     return _Mark(line, _end_time(film), lambda t: line.set_xdata([t, t]))
-
-
-def _film_to_draw(films: Sequence[Film]) -> Film:
-    """Return the film whose robot is drawn: the first proved one, else the first."""
-    return next((film for film in films if film.proved), films[0])
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
