@@ -107,7 +107,7 @@ def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(crossing, tmp_path,
         count.append(given[3].name)
         return filled(*given)
 
-    command = ("map", "five_bar", "--size", 24, "--quantity", "g", "--out", tmp_path)
+    command = ("map", "five_bar", "--size", 40, "--quantity", "g", "--out", tmp_path)  # three bands
     monkeypatch.setattr(module, "fill_band", stopped)
     code, _, err = crossing(*command)
     assert code == 130
@@ -137,9 +137,9 @@ def test_a_map_that_is_killed_goes_on_and_computes_nothing_twice(serial, tmp_pat
     first.kill()
     first.wait()
     there = {file: file.stat().st_mtime_ns for file in kept(killed)}
-    assert 3 <= len(there) < 15
+    assert 3 <= len(there) < 8
     assert begun(killed).wait() == 0
-    assert len(kept(killed)) == 15
+    assert len(kept(killed)) == 8  # of 120 columns
     # a band that is computed is written: those that were there have not been
     assert {file: file.stat().st_mtime_ns for file in there} == there
     assert files(killed) == serial

@@ -300,9 +300,9 @@ def certified_plan(
             changes["condition"] = coefficients_at(to_cross.branch, measured, deflection)
         for time, speed in timing:
             if abs(time - measured.time) < SAME_PLACE * law.duration:
-                changes["time"] = time
-                if abs(speed - measured.speed) < SAME_PLACE * measured.speed:
-                    changes["speed"] = speed
+                found, acceleration = float(law(time, 1)), float(law(time, 2))
+                is_same = abs(speed - found) < SAME_PLACE * found
+                changes |= {"time": time, "speed": speed if is_same else found, "acceleration": acceleration}
         crossings.append(replace(measured, **changes))
     monotone = law.least_speed_ratio(request.smoothness, request.ends) > 0
     certificate = replace(dynamics.certificate, monotone=monotone)

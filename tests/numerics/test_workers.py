@@ -63,7 +63,7 @@ def test_what_cannot_be_sent_is_said(workers):
 
 
 def test_every_error_of_ours_can_be_sent():
-    carried = {"s": 0.5, "joint": "motor", "count": 2}
+    carried = {"message": "no", "s": 0.5, "joint": "motor", "count": 2}
     for kind in vars(errors).values():
         if isinstance(kind, type) and issubclass(kind, errors.FrameworkError):
             error = kind.__new__(kind, "no")
