@@ -300,7 +300,7 @@ def certified_plan(
             changes["condition"] = coefficients_at(to_cross.branch, measured, deflection)
         for time, speed in timing:
             if abs(time - measured.time) < SAME_PLACE * law.duration:
-                found, acceleration = float(law(time, 1)), float(law(time, 2))
+                found, acceleration = map(float, law.derivatives(time, 3)[1:])
                 is_same = abs(speed - found) < SAME_PLACE * found
                 changes |= {"time": time, "speed": speed if is_same else found, "acceleration": acceleration}
         crossings.append(replace(measured, **changes))
