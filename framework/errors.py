@@ -53,7 +53,7 @@ class FrameworkError(Exception):
         return "; ".join([self.message, *self.clauses])
 
     def naming(self, name: str) -> Self:
-        """Return the error with the name of what it is about."""
+        """Return the error with the name of a robot or file."""
         self.name = name
         return self
 

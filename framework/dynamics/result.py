@@ -68,9 +68,9 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SingularityCrossing(SingularPoint):
-    """A singular point, of the robot as it deflects, at an instant of a motion.
+    """A singular point of the deflected robot at an instant of a motion.
 
-    Its slope is that of the undeformed robot.
+    The slope is that of the undeformed robot.
 
     wrench: t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies.
     scale: the largest sum, along the motion, of the absolute values of the terms of t_s . W_p; at least

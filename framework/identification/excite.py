@@ -242,7 +242,7 @@ def _distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """The family of motions with its limits, and what their torques are to show.
+    """The limits of a family of motions, and the base parameters to be shown.
 
     A motion is z (K, n): K functions of time for each coordinate, over the scale of the platform.
     """
@@ -277,7 +277,7 @@ class _Design:
         return np.concatenate([constant, np.array([np.hstack(pair) for pair in waves]) @ shapes], axis=2)
 
     def evaluate(self, z: Array, times: Array, guess: Array, share: float = 1.0) -> PeriodicMotion | str:
-        """Compute a motion z (K, n) at times (T,), or say which limit it violates.
+        """Compute a motion z (K, n) at times (T,), or name the violated limit.
 
         Args:
             guess: (T, nq) of the poses.
@@ -314,7 +314,7 @@ class _Design:
         return PeriodicMotion(times, closed.q, x, angle, speed, torque, dry, rows)
 
     def deviation_shares(self, motion: PeriodicMotion) -> Array:
-        """Compute the deviations (m,) of base parameters by data and prior, over those by the prior alone."""
+        """Compute the shares (m,) of base parameters' prior deviations left by the data."""
         noise = self.noise_share * np.abs(motion.torque).max(axis=0) + np.finfo(float).tiny  # (n_a,)
         W = np.concatenate(motion.rows @ self.columns / noise[:, None])  # (T n_a, k)
         by_prior = np.linalg.norm(self.columns, axis=1)

@@ -55,10 +55,10 @@ class Estimate(NamedTuple):
 
 
 def posterior_root(rows: Array) -> Array:
-    """Compute S (k, k), where S S' is the covariance of k unknowns by rows (N, k) and a unit prior.
+    """Compute a root S (k, k) of the covariance S S' of unknowns.
 
-    Rows with unit noise, U s V', and the prior have the information rows' rows + 1. Its inverse is S S' with
-    S = V / sqrt(1 + s^2).
+    The unknowns have a unit prior and rows (N, k) with unit noise, U s V'. Together these have the
+    information rows' rows + 1. Its inverse is S S' with S = V / sqrt(1 + s^2).
     """
     k = rows.shape[1]
     # the triangle (k, k) of a QR decomposition has the same s and V

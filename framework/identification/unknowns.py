@@ -27,7 +27,7 @@ PAYLOAD = "payload"
 
 
 class Unknowns(NamedTuple):
-    """The k unknowns c that change torques, and how parameters depend on these and on the rest of z."""
+    """The k unknowns c that change torques, and the derivatives of all parameters."""
 
     design: Array  # (rank, k) derivatives of the base parameters by c
     shown: Array  # (u, k) derivatives of the parameters of links and motors by c
@@ -40,7 +40,7 @@ class Unknowns(NamedTuple):
 
 
 def is_determined(deviations: Array, by_prior: Array) -> BoolArray:
-    """Return whether data determine quantities of these deviations, with prior ones not zero."""
+    """Return whether data determine quantities, by deviations over prior ones above zero."""
     return np.asarray(deviations < DETERMINED_SHARE * by_prior)
 
 
@@ -102,7 +102,7 @@ def _free_parameters(base: BaseParameters, links: LinkParameters, only: Sequence
 
 
 def _payload_links(base: BaseParameters, links: LinkParameters) -> list[str]:
-    """Return the link of the platform's frame or, if it has no mass, the links with mass fixed to it."""
+    """Return the massive link of the platform's frame, else those fixed to the frame."""
     robot = base.robot
     frame = robot.model.frames[frame_index(robot.model, robot.description.platform.frame)]
     body = np.flatnonzero(base.described.bodies == frame.parentJoint)

@@ -55,7 +55,7 @@ def tree_model(tree: Tree, as_declared: Collection[str] = (), order: Sequence[st
     base = model.addBodyFrame(tree.base, 0, pin.SE3.Identity(), 0)
     carriers = {tree.base: (0, pin.SE3.Identity(), base)}
     model.appendBodyToJoint(0, _inertia(tree, tree.base), pin.SE3.Identity())
-    for joint in _in_order(tree, order):
+    for joint in _order_joints(tree, order):
         parent, parent_pose, frame = carriers[joint.parent]
         pose = parent_pose * pin.SE3(joint.origin)
         axes = pin.SE3.Identity()  # pose of the link's axes on those of the joint
@@ -86,8 +86,8 @@ def tree_model(tree: Tree, as_declared: Collection[str] = (), order: Sequence[st
     return model
 
 
-def _in_order(tree: Tree, order: Sequence[str]) -> list[Joint]:
-    """Return the joints of a tree in the order of `tree_model`, each behind those that carry it."""
+def _order_joints(tree: Tree, order: Sequence[str]) -> list[Joint]:
+    """Order the joints of a tree as `tree_model` does, each behind its carriers."""
     children: dict[str, list[Joint]] = {}
     for joint in sorted(tree.joints.values(), key=lambda joint: joint.name, reverse=True):
         children.setdefault(joint.parent, []).append(joint)
@@ -128,7 +128,7 @@ def _centre_direction(tree: Tree, link: str) -> Array:
     """
     poses = {link: pin.SE3.Identity()}  # of the links of the body
     body = pin.Inertia.Zero()
-    for joint in _in_order(tree, ()):
+    for joint in _order_joints(tree, ()):
         if joint.parent in poses and not joint.moves:
             poses[joint.child] = poses[joint.parent] * pin.SE3(joint.origin)
     for name, pose in poses.items():

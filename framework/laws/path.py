@@ -165,7 +165,7 @@ class Line(PointPath):
 
 
 def highest_order(path: Path) -> int:
-    """Return the highest order of a derivative that a path has; those of a user have HIGHEST_ORDER."""
+    """Return the highest order of derivatives of a path; HIGHEST_ORDER of a user's own."""
     return int(getattr(path, "highest_order", HIGHEST_ORDER))
 
 

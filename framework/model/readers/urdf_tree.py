@@ -234,7 +234,7 @@ def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
 def read_urdf_tree(
     root: Element, extra: Sequence[str] = (), base: str | None = None
 ) -> tuple[UrdfTree, list[Element]]:
-    """Read the tree and the motors of a URDF, and return top-level elements of a dialect beside it.
+    """Read tree and motors of a URDF, and a dialect's own top-level elements.
 
     Args:
         root: of the URDF, which is changed: other programs' elements and namespaces are removed.
