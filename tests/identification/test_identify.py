@@ -330,6 +330,7 @@ def test_what_one_stroke_shows_of_sums_is_not_lost(name):
     assert {quantity.name for quantity in found.quantities if quantity.determined} <= alone
     assert {f"{joint}.friction" for joint in nominal.actuator_names} <= alone
     assert not {f"{link}.centre_z" for link in found.links.links} & alone  # across the plane
+    assert not alone & set(found.base.without_effect)
 
 
 @pytest.mark.slow
