@@ -31,7 +31,7 @@ from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 SAME_DURATION = 1e-5  # relative difference of equal durations
 BLENDED_DURATION = 1e-4  # share of a duration that an adjustment changes at hardly any cost
 # towards required instants: steps with the tangents of all stages; share of a duration by which the last law
-# may differ, to be adjusted; share by which a step of a descent may
+# may differ, to be adjusted; share at which a law is near, but for its cost
 MAX_SETTLING_STEPS, SETTLED_DURATION, NEARLY_SETTLED = 30, 1e-3, 2e-2
 # of descents at required instants: largest relative change of z in a step, its part after a failure and the
 # least; relative gains of cost and of squared curvature that are worth a further step
@@ -182,12 +182,16 @@ class SmoothSearch(NamedTuple):
             laws = list[Speed]()
             for start in group:
                 for settled_goal in dict.fromkeys((goal, "curvature")):  # if the first fails, the second
-                    law = self._adjust(self._settle(start, quick, bounds, settled_goal))
+                    settled = self._settle(start, quick, bounds, settled_goal)
+                    law = self._adjust(settled)
                     if law is not None:
                         laws.append(law)
                         break
             if laws:
                 return laws[0] if goal == "curvature" else min(laws, key=lambda law: cost_of(goal, law))
+            # other starts lead no nearer: the law misses the durations because it may not cost more
+            if goal == "curvature" and group and self._mismatch(settled) <= NEARLY_SETTLED:
+                break
         listed = ", ".join(f"{t:.4g}" for t in self.program.problem.instants.times)
         return NoneFound(self.program, f"no law that passes at t = {listed} s was found")
 
@@ -241,11 +245,11 @@ class SmoothSearch(NamedTuple):
             return None
         return program.evaluate_speed(y, law.x)._replace(floor=law.floor)
 
-    def _bound_required(self, bounds: Bounds, excess: Array | float) -> Bounds:
-        """Return bounds with those of required stages at a relative excess (m,) over these; inf for none."""
+    def _bound_required(self, bounds: Bounds, required: Array | float) -> Bounds:
+        """Return bounds with those of required stages replaced by durations (m,) [s]; inf for none."""
         stages = self.program.problem.stages
         longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest
-        longest = np.where(np.isfinite(stages), (1.0 + excess) * stages, longest)
+        longest = np.where(np.isfinite(stages), required, longest)
         return bounds._replace(longest=longest if np.isfinite(longest).any() else None)
 
     def _mismatch(self, law: Speed) -> float:
@@ -304,13 +308,13 @@ class SmoothSearch(NamedTuple):
         excess = np.minimum(np.abs(law.durations / stages - 1.0), 1.0)  # (m,) 1 where open
         slack = FIRST_SLACK
         bounded = False  # whether programs bound the durations
+        overshoot = None  # the last step of too much excess
         for _ in range(MAX_SETTLING_STEPS):
             targets = np.where(required, np.minimum(stages, LONGER_STEP * law.durations), np.inf)
             allowed = np.maximum(EXCESS_LEFT * excess, max(slack, BLENDED_DURATION))
-            longest = bounds._replace(longest=(1.0 + allowed) * targets) if bounded else bounds
             step = program.minimise(
                 goal,
-                longest if bounded else self._bound_required(bounds, np.inf),
+                self._bound_required(bounds, (1.0 + allowed) * targets if bounded else np.inf),
                 self.units,
                 floor=law.floor,
                 about=(law.y, targets, not bounded),
@@ -328,9 +332,13 @@ class SmoothSearch(NamedTuple):
                     if is_near and not is_gain:
                         break
                     continue
-            if bounded:
+                overshoot = step if np.isfinite(step.duration) else None
+            if bounded and overshoot is None:
                 break
-            bounded = True
+            if bounded and overshoot is not None:  # no law is between
+                law, overshoot = overshoot, None
+                excess = np.minimum(np.abs(law.durations / stages - 1.0), 1.0)
+            bounded = not bounded
         return law
 
     def _blend(self, quick: Speed, slow: Speed) -> Speed:
