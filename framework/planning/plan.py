@@ -142,8 +142,9 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
     if request.kind == "optimal":  # by a goal, or by limits without a duration
+        has = "a goal" if request.optimize is not None else "a duration of its own"
         try:
-            return _plan_optimal(to_cross, request, "only the optimal law has a goal")
+            return _plan_optimal(to_cross, request, f"only the optimal law has {has}")
         except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
