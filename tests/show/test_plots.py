@@ -71,7 +71,7 @@ def test_the_law_is_drawn_with_its_derivatives(plan):
     ElementTree.fromstring(on_page)
     drawn = on_page.split("</style>", 1)[1]  # every colour is one that dark pages change
     assert not re.findall(r": #[0-9a-f]{6}", drawn)
-    assert {"ink", "paper", "series-0", "line"} <= set(re.findall(r"var\(--([a-z0-9-]+)\)", drawn))
+    assert {"ink", "paper", "series-0"} <= set(re.findall(r"var\(--([a-z0-9-]+)\)", drawn))
 
 
 def test_the_torques_are_drawn_motor_by_motor(plan):
@@ -305,7 +305,8 @@ def test_limits_of_a_robustness_figure_are_drawn_or_told(limit, drawn, words):
         peak_torque=np.array([[0.1, 0.2], [0.3, 0.1]]),
     )
     loop = SimpleNamespace(tolerance=1e-2, limit=limit)
-    _, torques = plot_robustness([study], loop=loop).figure.axes
+    errors, torques = plot_robustness([study], loop=loop, length=0.5).figure.axes
+    assert errors.get_legend_handles_labels()[1][-1] == "tolerance 0.01 (5 mm)"
     assert [line.get_xdata()[0] for line in torques.lines[1:]] == drawn
     assert torques.get_xlabel() == f"peak motor torque  [N m]\n{words}".rstrip()
 
