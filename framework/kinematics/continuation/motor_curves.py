@@ -15,14 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.continuation.arclength import CurveEquations, Curves, TurningPoints
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
-    CurveEnds,
-    CurveEquations,
-    Curves,
     limit_steps,
     measure_steps,
 )
@@ -224,7 +222,7 @@ def _end_at_turning_points(
     found = np.flatnonzero(ahead.found)
     ending = rows[found]
     last = select(curves, ending)
-    ends = curves_at(robot, ahead.linearised.select(found), last.x)
+    ends = curves_at(robot, linearised_at(robot, ahead.q[found]), last.x)
     ends = ends._replace(
         share=ahead.share[found], steps=last.steps + 1, largest=np.maximum(last.largest, ends.clearance)
     )
@@ -232,7 +230,7 @@ def _end_at_turning_points(
     return ending
 
 
-def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
+def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
     """Find the next Type 2 singularity ahead on each of T curves, from q (T, nq) at `share` s.
 
     On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
@@ -241,18 +239,15 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
     passive = robot.following
     loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
 
-    def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
-        """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
+    def evaluate(q_on_curve: Array, _: Array, rows: IntArray) -> CurveEquations:
+        """Compute the loop equations (R, m) and their slopes at q (R, nq) of the curves `rows` (R,).
 
         The second argument, the share s, is not used: the equations depend on s only by q.
         """
         linearised = linearised_at(robot, q_on_curve)
-        loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
-        return CurveEquations(
-            matrix=loops[:, :, passive],
-            by_share=np.matvec(loops, turn / robot.column_scale),
-            residual=linearised.residual[:, robot.n :] / loop_sizes,
-            linearised=linearised,
-        )
+        loops = independent_loops_matrix(robot, linearised)  # (R, m, nv)
+        by_share = np.matvec(loops, turn[rows] / robot.column_scale)
+        slopes = np.concatenate([loops[:, :, passive], by_share[:, :, None]], axis=2)
+        return CurveEquations(linearised.residual[:, robot.n :] / loop_sizes, slopes)
 
-    return Curves(robot, passive, turn, evaluate).find_turning_points(q, share)
+    return Curves(robot, passive, turn, evaluate).find_turning_points(q, share, np.arange(len(q)))
