@@ -21,8 +21,8 @@ from framework.kinematics.continuation.predictor_corrector import (
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
+    accept_steps,
     limit_steps,
-    measure_steps,
 )
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
@@ -166,16 +166,16 @@ def _take_steps(
         largest=np.maximum(starts.largest, ends.clearance),
     )
 
-    # judge each step by its correction, the turn of its tangent, and the sign of det P
-    offsets = difference(robot, predicted[rows], ends.q)
-    correction, is_small, is_straight = measure_steps(
-        robot, offsets, length * starts.rate, length * ends.rate
-    )
-    # the tangent may turn only where P is far from losing rank, so that no other branch crosses
-    on_branch = is_small & (is_straight | (ends.clearance > BRANCHES_CROSS))
     end_sign = ends.determinant_sign * relative_orientation(starts.bases, ends.bases)
-    on_branch &= keeps_sign(
-        (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
+    on_branch, correction = accept_steps(
+        robot,
+        difference(robot, predicted[rows], ends.q),
+        length * starts.rate,
+        length * ends.rate,
+        keeps_mode=keeps_sign(
+            (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
+        ),
+        are_apart=lambda curved: ends.clearance[curved] > BRANCHES_CROSS,  # where P is far from losing rank
     )
     return rows, ends, correction, on_branch
 

@@ -7,13 +7,13 @@ Otherwise the step is halved. A branch may end on a singularity, at a turning po
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
 from framework.kinematics.frames import largest_motion
 from framework.kinematics.mechanism import Mechanism
-from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
 MIN_STEP_RATIO = 1e-7  # share of the curve; if a step shorter than this is refused, the branch has ended
@@ -23,29 +23,37 @@ BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correc
 MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
 
 
-class StepMeasure(NamedTuple):
-    """Measures of T steps that tell whether each stayed on its branch."""
+def accept_steps(
+    robot: Mechanism,
+    correction: Array,
+    predicted: Array,
+    end_step: Array,
+    *,
+    keeps_mode: BoolArray,
+    are_apart: Callable[[IntArray], BoolArray],
+) -> tuple[BoolArray, Array]:
+    """Decide which of T steps stay on their branches.
 
-    correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
-    small: BoolArray  # (T,) whether the correction is small, absolutely or compared with the step
-    straight: BoolArray  # (T,) whether the tangent has turned no more than a single branch allows
-
-
-def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_step: Array) -> StepMeasure:
-    """Measure whether T steps stayed on their branches.
+    An accepted step has a small correction and keeps its mode. Its tangent turns little from start to end, or
+    else no other branch crosses at the end, to which the step could have jumped.
 
     Args:
         correction: (T, nv) offsets from the predicted to the closed configurations.
         predicted: (T, nv) steps along the tangents at the starts.
         end_step: (T, nv) steps of the same parameter lengths along the tangents at the ends.
+        keeps_mode: (T,) whether both ends are in one mode.
+        are_apart: returns whether branches are apart at the ends of the steps with indices (k,).
+
+    Returns:
+        Whether each step is accepted, and the largest entries of the corrections [rad, lengths], (T,) each.
     """
     corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
     turned = largest_motion(robot, end_step - predicted)
-    return StepMeasure(
-        correction=corrected,
-        small=is_small(corrected, advance),
-        straight=is_straight(turned, corrected, advance),
-    )
+    is_accepted = keeps_mode & is_small(corrected, advance)
+    (curved,) = (is_accepted & ~is_straight(turned, corrected, advance)).nonzero()
+    if len(curved):
+        is_accepted[curved] = are_apart(curved)
+    return is_accepted, corrected
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
