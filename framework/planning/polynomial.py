@@ -14,16 +14,15 @@ from typing import Any
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import choose_failure, resolve, resolve_law
+from framework.dynamics.inverse_dynamics import resolve, resolve_law
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
+from framework.errors import InvalidInput, NoLaw, NotConverged, SpringsTooSoft
 from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
-from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
 from framework.planning.crossing_tracker import CrossingTracker
@@ -136,18 +135,11 @@ def _resolve_deformed(
             return undeformed
         return _solve_law(tracker.follow(deflections), timing, request, high)
 
-    try:
-        dynamics = resolve(to_cross.searched, choose_law, **options)
-    except (NotConverged, UnboundedTorque) as failure:
-        if request.at is not None:  # s" at imposed points is prescribed
-            raise
-        try:
-            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
-            dynamics = resolve(to_cross.searched, lambda _: balanced, **options, known=deflections)
-        except SearchEnded:
-            raise
-        except NoAnswer as second:  # raise the failure that says more
-            raise choose_failure(failure, second) from None
+    find_balance = partial(_find_balanced_law, to_cross, tracker, request, timing, high)
+    is_free = request.at is None  # s" at imposed points is prescribed
+    dynamics = resolve(
+        to_cross.searched, choose_law, **options, find_balance=find_balance if is_free else None
+    )
     law = dynamics.law
     assert isinstance(law, Law)
     try:
