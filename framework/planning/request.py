@@ -145,6 +145,11 @@ class Request(PlanOptions):
         return ExternalWrenches.of(self.wrenches)
 
     @property
+    def model_options(self) -> dict[str, Any]:
+        """The options of `resolve`: geometry, tolerance and friction."""
+        return {"geometry": self.geometry, "tolerance": self.tolerance, "friction": self.friction}
+
+    @property
     def ends(self) -> Ends:
         """The derivatives of s at ends in motion."""
         return Ends(self.start_speed or (), self.end_speed or ())  # type: ignore[arg-type]  # checked

@@ -318,13 +318,7 @@ def plan_from_document(
     # the plan computed anew, which must agree with the file
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
-        dynamics = resolve_law(
-            to_cross.searched,
-            law,
-            geometry=request.geometry,
-            tolerance=request.tolerance,
-            friction=request.friction,
-        )
+        dynamics = resolve_law(to_cross.searched, law, **request.model_options)
         dynamics = share_load(dynamics, request, optimal=law.kind == OptimalLaw.kind)
         plan = certified_plan(
             to_cross,
