@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from framework.dynamics.drive_limits import DriveLimits, curve_ratios, rms_torques
 from framework.dynamics.result import InverseDynamics
 from framework.errors import format_distinct, round_up
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, IntArray
 from framework.planning.refusals import PRINTED_DIGITS, RAISED_RATIO
 from framework.planning.request import PEAK_SAMPLES, Specification, motor_peaks
 
@@ -56,40 +57,60 @@ class MotorUse(NamedTuple):
 
 
 def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[MotorUse]:
-    """Measure how far each motor uses each of its limits, limit by limit."""
-    robot, drives = dynamics.robot, specification.drives
-    names, units = robot.actuator_names, robot.torque_units
-    times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a)
-    s = dynamics.law(times)
-    uses = list[MotorUse]()
-    peak_torques, peak_speeds = motor_peaks(dynamics)
-    for limit, values, peaks, limits, of_limit in (
-        ("torque", torque, peak_torques, specification.torque_limit, units),
-        ("speed", speed, peak_speeds, specification.speed_limit, robot.speed_units),
-    ):
-        for k in np.flatnonzero(np.isfinite(limits)).tolist():
-            peak, largest, i = float(peaks[k]), float(limits[k]), int(np.abs(values[:, k]).argmax())
-            instant = float(times[i]), float(s[i])
-            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *instant))
-    if drives is None:
-        return uses
+    """Measure the largest ratio of each motor to each of its limits, limit by limit.
 
-    on_curves = np.abs(drives.curve_ratio(torque, speed))  # (T, n_a)
-    ratios = curve_ratios(dynamics, drives)
-    allowed = drives.largest_torque(speed)
-    for k in np.flatnonzero(drives.has_curve).tolist():
-        i = int(on_curves[:, k].argmax())
-        size, largest = abs(float(torque[i, k])), float(allowed[i, k])
-        speed_text = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
-        instant = float(times[i]), float(s[i])
-        uses.append(
-            MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], speed_text, *instant)
+    The ratios are those of peaks, which may lie between samples; the instants are those of samples.
+    """
+    robot, drives = dynamics.robot, specification.drives
+    times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)  # (T,) [s]
+    s = dynamics.law(times)  # (T,)
+    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a), motor side
+    uses = list[MotorUse]()
+
+    def add(
+        limit: str,
+        units: Sequence[str],
+        *,
+        sizes: Array,
+        allowed: Array,
+        ratios: Array | None = None,
+        sample: IntArray | None = None,
+    ) -> None:
+        """Add the uses of a limit by all motors, arrays (n_a,); `allowed` is infinite without the limit."""
+        for k in np.flatnonzero(np.isfinite(allowed)).tolist():
+            i = None if sample is None else sample[k]
+            use = MotorUse(
+                joint=robot.actuator_names[k],
+                limit=limit,
+                ratio=float(sizes[k] / allowed[k] if ratios is None else ratios[k]),
+                size=float(sizes[k]),
+                allowed=float(allowed[k]),
+                unit=units[k],
+                speed=f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}" if limit == CURVE else "",
+                time=None if i is None else float(times[i]),
+                s=None if i is None else float(s[i]),
+            )
+            uses.append(use)
+
+    peak_torque, peak_speed = motor_peaks(dynamics)  # (n_a,) each
+    largest_torque, largest_speed = np.abs(torque).argmax(axis=0), np.abs(speed).argmax(axis=0)  # samples
+    torque_limit, speed_limit = specification.torque_limit, specification.speed_limit
+    add("torque", robot.torque_units, sizes=peak_torque, allowed=torque_limit, sample=largest_torque)
+    add("speed", robot.speed_units, sizes=peak_speed, allowed=speed_limit, sample=largest_speed)
+    if drives is not None:
+        nearest = np.abs(drives.curve_ratio(torque, speed)).argmax(axis=0)  # (n_a,) samples, to the curves
+        at_nearest = nearest, np.arange(robot.n_a)
+        on_curve = np.where(drives.has_curve, drives.largest_torque(speed)[at_nearest], np.inf)  # (n_a,)
+        add(
+            CURVE,
+            robot.torque_units,
+            sizes=np.abs(torque[at_nearest]),
+            allowed=on_curve,
+            ratios=curve_ratios(dynamics, drives),
+            sample=nearest,
         )
-    averages = rms_torques(dynamics, drives.cycle_time)
-    for k in np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist():
-        size, largest = float(averages[k]), float(drives.rms_torque_limit[k])
-        uses.append(MotorUse(names[k], "RMS torque", size / largest, size, largest, units[k]))
+        rms = rms_torques(dynamics, drives.cycle_time)  # (n_a,)
+        add("RMS torque", robot.torque_units, sizes=rms, allowed=drives.rms_torque_limit)
     return uses
 
 
@@ -110,24 +131,19 @@ def raise_drives(dynamics: InverseDynamics, drives: DriveLimits, share: float) -
         share: of the limits of a request that its margin leaves.
     """
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)
-    room = 1.0 - drives.per_torque * torque * np.sign(speed)  # over w_0
-    factor = np.max(
-        np.abs(speed) * drives.per_speed / np.maximum(room, LEAST_SPEED_SHARE), axis=0, initial=1.0
-    )
+    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a)
+    room = 1.0 - drives.per_torque * torque * np.sign(speed)  # (T, n_a) 1 - k T / w_0
+    factors = np.abs(speed) * drives.per_speed / np.maximum(room, LEAST_SPEED_SHARE)  # (T, n_a)
+    factor = factors.max(axis=0, initial=1.0)  # (n_a,)
     rms = np.maximum(rms_torques(dynamics, drives.cycle_time) / drives.rms_torque_limit, 1.0)
     raised = {
         "corner_speed": (factor, drives.corner_speed),
         "no_load_speed": (factor, drives.no_load_speed),
         "rms_torque_limit": (rms, drives.rms_torque_limit),
     }
-    return {
-        name: np.array(
-            [
-                round_up(each, PRINTED_DIGITS)
-                for each in np.where(ratio > 1.0, RAISED_RATIO * ratio, 1.0) * limit / share
-            ]
-        )
-        for name, (ratio, limit) in raised.items()
-        if ratio.max() > 1.0
-    }
+    advised = {}
+    for name, (ratio, limit) in raised.items():
+        if ratio.max() > 1.0:
+            needed = np.where(ratio > 1.0, RAISED_RATIO * ratio, 1.0) * limit / share  # (n_a,)
+            advised[name] = np.array([round_up(each, PRINTED_DIGITS) for each in needed])
+    return advised

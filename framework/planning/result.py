@@ -285,34 +285,40 @@ def certified_plan(
         dynamics: the motion under the law, with its torques, crossings and certificate.
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
             measured crossing that differ only by rounding.
-        crossed: the crossing points of a deformed robot, with the conditions (8) of the last deflections;
-            where the motion meets others, the conditions are computed.
+        crossed: the crossing points of a deformed robot in the order of time, with the conditions (8) of the
+            last deflections; where the motion meets others, the conditions are computed.
         reason, optimality: fields of the plan.
     """
-    is_known = len(crossed) == len(dynamics.crossings)
     crossings = []
     for k, measured in enumerate(dynamics.crossings):
-        changes: dict[str, Any] = {}
-        if is_known:
-            changes["condition"] = crossed[k].condition
-        elif measured.condition is not None and request.geometry == "deformed":
+        condition = measured.condition
+        if len(crossed) == len(dynamics.crossings):
+            condition = crossed[k].condition
+        elif condition is not None and request.geometry == "deformed":
             deflection = Deflection.evaluate(dynamics.deflection, measured.time)
-            changes["condition"] = coefficients_at(to_cross.branch, measured, deflection)
-        for time, speed in timing:
-            if abs(time - measured.time) < SAME_PLACE * law.duration:
-                found, acceleration = map(float, law.derivatives(time, 3)[1:])
-                is_same = abs(speed - found) < SAME_PLACE * found
-                changes |= {"time": time, "speed": speed if is_same else found, "acceleration": acceleration}
-        crossings.append(replace(measured, **changes))
+            condition = coefficients_at(to_cross.branch, measured, deflection)
+        crossings.append(_set_planned_instant(replace(measured, condition=condition), law, timing))
     monotone = law.least_speed_ratio(request.smoothness, request.ends) > 0
-    certificate = replace(dynamics.certificate, monotone=monotone)
     return CrossingPlan(
         dynamics.robot,
         request,
         law,
         tuple(crossings),
         dynamics,
-        certificate,
+        replace(dynamics.certificate, monotone=monotone),
         reason=reason,
         optimality=optimality,
     )
+
+
+def _set_planned_instant(crossing: Crossing, law: PlannedLaw, timing: Sequence[CrossingTime]) -> Crossing:
+    """Return a crossing at the time and speed for which its law was made, if it was made for the crossing.
+
+    They replace a measured time and speed that differ only by rounding.
+    """
+    for time, speed in timing:
+        if abs(time - crossing.time) < SAME_PLACE * law.duration:
+            _s, found, acceleration = map(float, law.derivatives(time, 3))
+            is_same = abs(speed - found) < SAME_PLACE * found
+            return replace(crossing, time=time, speed=speed if is_same else found, acceleration=acceleration)
+    return crossing
