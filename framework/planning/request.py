@@ -97,25 +97,23 @@ class Request(PlanOptions):
         return request
 
     def __post_init__(self) -> None:
-        """Check each option by itself, then options of the law against each other."""
+        """Check each option by itself, and convert its value; then check options against each other."""
         expect_path(self.path)
-        values = vars(self)
         for name, option in OPTIONS.items():
-            value = values[name]
+            value = getattr(self, name)
             is_left_open = value is None and DEFAULTS[name] is None  # None is the default
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
+        self._check_ends()
+        self._check_law()
+
+    def _check_law(self) -> None:
+        """Refuse limits, goals and durations that the kind of law does not have."""
         if self.cycle_time is not None and self.cycle_time < (self.duration or 0.0):
             raise InvalidInput(
                 f"cycle_time: must be at least the duration {self.duration:g} s, got {self.cycle_time:g} s"
             )
-        for name in ("start_speed", "end_speed"):
-            count = len(getattr(self, name) or ())
-            # springs follow further derivatives than those that torques contain
-            most = max(self.smoothness, HIGHEST_STATED if self.smoothness >= HIGHEST_ORDER else 0)
-            if count > most:
-                raise InvalidInput(f"{name}: needs 1 to {most} derivatives of s, got {count}")
         if self.bounded and self.law == "polynomial":
             refusal = InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
@@ -207,6 +205,16 @@ class Request(PlanOptions):
         for s in self.at or ():
             if not 0 < s < 1:
                 raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
+
+    def _check_ends(self) -> None:
+        """Refuse more derivatives of s at an end in motion than a law can have there."""
+        most = self.smoothness
+        if self.smoothness >= HIGHEST_ORDER:  # springs follow derivatives beyond those that torques contain
+            most = max(most, HIGHEST_STATED)
+        for name, derivatives in (("start_speed", self.start_speed), ("end_speed", self.end_speed)):
+            count = len(derivatives or ())  # type: ignore[arg-type]  # checked
+            if count > most:
+                raise InvalidInput(f"{name}: needs 1 to {most} derivatives of s, got {count}")
 
     def _check_optimal(self) -> None:
         """Refuse options that contradict the optimal law; advise the change that corrects the request.
