@@ -39,7 +39,6 @@ from framework.numerics.time_limit import SearchEnded, limit_time, seconds_ended
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.joint_path import JointPath, with_platform_joints
-from framework.planning.motor_use import find_largest_use
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
@@ -140,11 +139,11 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     if request.may_be_optimal:
         return _plan_with_either_law(to_cross, request)
     plan = plan_polynomial(to_cross, request)
-    excess = _limit_ratio(plan)
-    if excess <= 1.0:
+    if _limit_ratio(plan) <= 1.0:
         return plan
+    use = max(plan.motor_use, key=lambda use: use.ratio)
     raise NoLaw(
-        f"the polynomial needs {excess:.4g} times the limits{_drives_text(plan)}",
+        f"the polynomial needs {use.ratio:.4g} times the limits: {use.sentence}",
         clauses=(
             "torque_limit and speed_limit none (inf in Python) lift those of the robot file, "
             "rms_torque_limit none that of RMS torques",
@@ -288,14 +287,6 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
 def _limit_ratio(plan: CrossingPlan) -> float:
     """Return the largest ratio of a torque or speed of a plan to its limit."""
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
-
-
-def _drives_text(plan: CrossingPlan) -> str:
-    """Describe the largest use of motors if of a curve or RMS torque, else nothing."""
-    use = find_largest_use(plan.dynamics, specification_of(plan.robot, plan.request))
-    if use is None or use.limit in ("torque", "speed"):
-        return ""
-    return f": {use.sentence}"
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:

@@ -572,21 +572,9 @@ def _search_timings(
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - min_spread:
             break
-        drawn = _draw_laws(random, count, laws, mean)
-        mean = laws.mean(axis=0)
+        # sums of offsets with independent normal weights have the covariance of the offsets
+        weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
+        steps = np.tensordot(weights, laws - mean, axes=1)  # (count, 2, k)
+        mean = laws.mean(axis=0)  # (2, k)
+        drawn = mean + steps
     return to_timings(laws[:1])[0], scores[0]
-
-
-def _draw_laws(random: np.random.Generator, count: int, survivors: Array, last_mean: Array) -> Array:
-    """Draw unknowns (count, 2, k) of laws, normally distributed around the mean of survivors (m, 2, k).
-
-    Sums of the survivors' offsets from a mean, with independent normal weights, have the covariance of the
-    survivors about this mean.
-
-    Args:
-        random: generator of the weights.
-        last_mean: mean (2, k) of the survivors of the round before.
-    """
-    weights = random.standard_normal((count, len(survivors))) / np.sqrt(len(survivors))
-    steps = np.tensordot(weights, survivors - last_mean, axes=1)
-    return np.asarray(survivors.mean(axis=0) + steps)

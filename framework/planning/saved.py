@@ -307,7 +307,12 @@ def plan_from_document(
     chained = [plan_from_document(plan, file, robot_file=robot_file) for plan in plans]
     with prefix_errors(file, InvalidInput):
         path = _make_path(stated_path, chained)
-        request = _make_request(robot, path, stated["request"], stated["duration"])
+        with prefix_errors("request", InvalidInput):
+            request = Request.of(robot, path, **stated["request"])
+        if request.duration not in (None, stated["duration"]):
+            raise InvalidInput(
+                f"duration: got {stated['duration']!r}, but the request says {request.duration!r}"
+            )
         law = _make_law(stated["law"], stated["duration"], request)
         if isinstance(path, MotionPath) and law.degree == 1:  # that of a chain alone
             plan = chain_plans(path.plans, path.leaves[:-1])
@@ -425,19 +430,6 @@ def _make_path(stated: Document, chained: Sequence[CrossingPlan]) -> Path:
             raise InvalidInput(f"request.path.parts: needs pairs that ascend in [0, 1], got {list(part)}")
         path = Part(path, *part)
     return path
-
-
-def _make_request(robot: ParallelRobot, path: Path, stated: Document, duration: float) -> Request:
-    """Return the request with the options `stated`, checked for the robot and the law's duration [s].
-
-    Raises:
-        InvalidInput: an option is invalid, or the request has another duration.
-    """
-    with prefix_errors("request", InvalidInput):
-        request = Request.of(robot, path, **stated)
-    if request.duration not in (None, duration):
-        raise InvalidInput(f"duration: got {duration!r}, but the request says {request.duration!r}")
-    return request
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
