@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,8 @@ import numpy as np
 from framework.dynamics.drive_limits import DriveLimits, curve_ratios, rms_torques
 from framework.dynamics.result import InverseDynamics
 from framework.errors import format_distinct, round_up
-from framework.numerics.arrays import Array, IntArray
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 from framework.planning.refusals import PRINTED_DIGITS, RAISED_RATIO
 from framework.planning.request import PEAK_SAMPLES, Specification, motor_peaks
 
@@ -63,54 +63,44 @@ def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[
     """
     robot, drives = dynamics.robot, specification.drives
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)  # (T,) [s]
-    s = dynamics.law(times)  # (T,)
+    instants = np.stack([times, dynamics.law(times)])  # (2, T) times [s] and path coordinates
     torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a), motor side
-    uses = list[MotorUse]()
-
-    def add(
-        limit: str,
-        units: Sequence[str],
-        *,
-        sizes: Array,
-        allowed: Array,
-        ratios: Array | None = None,
-        sample: IntArray | None = None,
-    ) -> None:
-        """Add the uses of a limit by all motors, arrays (n_a,); `allowed` is infinite without the limit."""
-        for k in np.flatnonzero(np.isfinite(allowed)).tolist():
-            i = None if sample is None else sample[k]
-            use = MotorUse(
-                joint=robot.actuator_names[k],
-                limit=limit,
-                ratio=float(sizes[k] / allowed[k] if ratios is None else ratios[k]),
-                size=float(sizes[k]),
-                allowed=float(allowed[k]),
-                unit=units[k],
-                speed=f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}" if limit == CURVE else "",
-                time=None if i is None else float(times[i]),
-                s=None if i is None else float(s[i]),
-            )
-            uses.append(use)
-
     peak_torque, peak_speed = motor_peaks(dynamics)  # (n_a,) each
-    largest_torque, largest_speed = np.abs(torque).argmax(axis=0), np.abs(speed).argmax(axis=0)  # samples
-    torque_limit, speed_limit = specification.torque_limit, specification.speed_limit
-    add("torque", robot.torque_units, sizes=peak_torque, allowed=torque_limit, sample=largest_torque)
-    add("speed", robot.speed_units, sizes=peak_speed, allowed=speed_limit, sample=largest_speed)
-    if drives is not None:
-        nearest = np.abs(drives.curve_ratio(torque, speed)).argmax(axis=0)  # (n_a,) samples, to the curves
-        at_nearest = nearest, np.arange(robot.n_a)
-        on_curve = np.where(drives.has_curve, drives.largest_torque(speed)[at_nearest], np.inf)  # (n_a,)
-        add(
-            CURVE,
-            robot.torque_units,
-            sizes=np.abs(torque[at_nearest]),
-            allowed=on_curve,
-            ratios=curve_ratios(dynamics, drives),
-            sample=nearest,
-        )
-        rms = rms_torques(dynamics, drives.cycle_time)  # (n_a,)
-        add("RMS torque", robot.torque_units, sizes=rms, allowed=drives.rms_torque_limit)
+    at_torque, at_speed = (instants[:, np.abs(values).argmax(axis=0)] for values in (torque, speed))
+    uses = [
+        *_list_uses(robot, "torque", peak_torque, specification.torque_limit, at_torque),
+        *_list_uses(robot, "speed", peak_speed, specification.speed_limit, at_speed),
+    ]
+    if drives is None:
+        return uses
+    nearest = np.abs(drives.curve_ratio(torque, speed)).argmax(axis=0)  # (n_a,) samples, to the curves
+    at_nearest = nearest, np.arange(robot.n_a)
+    on_curve = np.where(drives.has_curve, drives.largest_torque(speed)[at_nearest], np.inf)  # (n_a,)
+    curves = _list_uses(robot, CURVE, np.abs(torque[at_nearest]), on_curve, instants[:, nearest])
+    ratios, speeds = curve_ratios(dynamics, drives), np.abs(speed[at_nearest])  # (n_a,) each
+    for k, use in zip(np.flatnonzero(drives.has_curve).tolist(), curves, strict=True):
+        uses.append(use._replace(ratio=float(ratios[k]), speed=f"{speeds[k]:.4g} {robot.speed_units[k]}"))
+    rms = rms_torques(dynamics, drives.cycle_time)  # (n_a,)
+    return [*uses, *_list_uses(robot, "RMS torque", rms, drives.rms_torque_limit)]
+
+
+def _list_uses(
+    robot: ParallelRobot, limit: str, sizes: Array, allowed: Array, instants: Array | None = None
+) -> list[MotorUse]:
+    """Return the use of a limit by each motor that has the limit.
+
+    Args:
+        sizes, allowed: (n_a,); `allowed` is infinite for motors without the limit.
+        instants: (2, n_a) times [s] and path coordinates of the sizes, if they have instants.
+    """
+    units = robot.speed_units if limit == "speed" else robot.torque_units
+    uses = []
+    for k in np.flatnonzero(np.isfinite(allowed)).tolist():
+        size, largest = float(sizes[k]), float(allowed[k])
+        use = MotorUse(robot.actuator_names[k], limit, size / largest, size, largest, units[k])
+        if instants is not None:
+            use = use._replace(time=float(instants[0, k]), s=float(instants[1, k]))
+        uses.append(use)
     return uses
 
 

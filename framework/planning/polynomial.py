@@ -353,15 +353,7 @@ def undeformed_polynomial(
         require_effect(to_cross.branch, point, deflected=False) for point in to_cross.crossing_points
     ]
     s = [point.s for point in crossings]
-
-    def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
-        """Compute least speed ratio and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
-        accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
-        for k, point in enumerate(crossings):
-            accelerations[:, k] = point.acceleration_at(speeds[:, k])
-        values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
-        return speed_ratios_and_peaks(duration, request.smoothness, times, values, request.ends)
-
+    measure = partial(_measure_laws, crossings, request)
     try:
         timing = choose_timing(s, request, measure, searched=searched) if s else ()
         law = _solve_law(crossings, timing, request)
@@ -374,6 +366,22 @@ def undeformed_polynomial(
         if raised is None:
             raise refusal.adding(f"nor was one of degree {RAISED_DEGREES[-1]} found") from None
         return raised
+
+
+def _measure_laws(
+    crossings: Sequence[SingularPoint], request: Request, times: Array, speeds: Array
+) -> tuple[Array, Array]:
+    """Compute least speed ratio and peak |s"| (m,) [1/s^2] of m laws through k crossings.
+
+    Args:
+        times, speeds: (m, k) of the crossings [s], s' [1/s]; condition (8) adds s".
+    """
+    accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
+    for k, point in enumerate(crossings):
+        accelerations[:, k] = point.acceleration_at(speeds[:, k])
+    s = [point.s for point in crossings]
+    values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
+    return speed_ratios_and_peaks(request.fixed_duration, request.smoothness, times, values, request.ends)
 
 
 def _refuse_turning_back(law: PlannedLaw, request: Request, s: Sequence[float]) -> None:
