@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.continuation.predictor_corrector import measure_steps
+from framework.kinematics.continuation.predictor_corrector import accept_steps
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import (
-    LinearisedLoops,
     count_lost_ranks,
     linearised_at,
     linearised_at_reference,
@@ -191,7 +190,7 @@ def _continue_states(
 def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Array) -> StepEnds:
     """Continue T configurations from `start` to `end` (T, n) in one step.
 
-    A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
+    A step that closes the loops is accepted by the rules of `accept_steps`; otherwise its reason is
     OTHER_MODE, or OPEN if the loops do not close.
     """
     newton_steps = 10  # largest number that corrects a prediction
@@ -212,46 +211,16 @@ def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Arra
     closed_steps = np.flatnonzero(closed)  # those not accepted below keep OTHER_MODE
     closed_loops = end_linearised.select(closed_steps)
     closed_states = ModeStates.of(robot, closed_loops)
-    accepted = _accept_steps(
+    # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
+    accepted, _correction = accept_steps(
         robot,
-        select(states, closed_steps),
-        closed_states,
-        closed_loops,
+        difference(robot, predicted[closed_steps], corrected[closed_steps]),
         prediction[closed_steps],
         closed_states.joint_rates(robot, end_twist[closed_steps]),
-        difference(robot, predicted[closed_steps], corrected[closed_steps]),
+        keeps_mode=share_working_mode(robot, select(states, closed_steps), closed_states),
+        are_apart=lambda turned: count_lost_ranks(robot, closed_loops.select(turned), BRANCHES_CROSS) == 0,
     )
     reason[closed_steps[accepted]] = PoseReason.REACHED
     ends = select(states, np.arange(len(start)))  # a copy, of which the starts stay where no loop closes
     assign(ends, closed_steps, closed_states)
     return StepEnds(ends, reason)
-
-
-def _accept_steps(
-    robot: ParallelRobot,
-    starts: ModeStates,
-    ends: ModeStates,
-    end_loops: LinearisedLoops,
-    prediction: Array,
-    end_step: Array,
-    correction: Array,
-) -> BoolArray:
-    """Return a mask (k,) of the steps that keep working mode and branch.
-
-    An accepted step has a small correction, and both ends are in one working mode. Its tangent turns little
-    from start to end, or else no other branch crosses at the end, to which the step could have jumped.
-
-    Args:
-        starts, ends: of k steps.
-        end_loops: linearised loops at the ends.
-        prediction, end_step: (k, nv) the joints' steps along the tangents at the starts and at the ends.
-        correction: (k, nv) offsets from the predicted to the closed configurations.
-    """
-    measure = measure_steps(robot, correction, prediction, end_step)
-    # `small`: the correction is small; `straight`: the tangent turns little
-    accepted = measure.small & share_working_mode(robot, starts, ends)
-
-    # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
-    turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much
-    accepted[turned] = count_lost_ranks(robot, end_loops.select(turned), BRANCHES_CROSS) == 0
-    return accepted

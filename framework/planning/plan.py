@@ -168,11 +168,7 @@ def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _plan_with_either_law(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with a polynomial, or with the optimal law where the polynomial is refused or not good enough.
-
-    Raises:
-        NoAnswer: as `plan_crossing`.
-    """
+    """Plan with a polynomial, or with the optimal law where the polynomial is refused or not good enough."""
     # polynomials through several points seldom advance, and to search for one takes longer than a free law
     is_searched = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS or to_cross.branch.robot.n_e > 0
     try:
@@ -330,9 +326,6 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
 
     Args:
         reason: for the choice of this law, in words.
-
-    Raises:
-        NoAnswer: as `plan_crossing`.
     """
     from framework.planning.optimal.optimal_motion import optimal_motion  # slow to import, seldom needed
     from framework.planning.optimal.optimal_task import Task

@@ -14,16 +14,15 @@ from itertools import chain
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import choose_failure, resolve, resolve_law
+from framework.dynamics.inverse_dynamics import resolve, resolve_law
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
+from framework.errors import InvalidInput, NoLaw, NotConverged, SpringsTooSoft
 from framework.laws.law import NO_HIGH, Law, PlannedLaw, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
-from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
 from framework.planning.crossing_tracker import CrossingTracker
@@ -63,29 +62,35 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    first_law, first_timing = undeformed_polynomial(to_cross, request, searched=searched)
-    raised = _raise_degree(to_cross.crossing_points, request, above=first_law.degree)
+    first = undeformed_polynomial(to_cross, request, searched=searched)
+    raised = _raise_degree(to_cross.crossing_points, request, above=first[0].degree)
     failures = list[NotConverged]()
-    for law, timing in chain([(first_law, first_timing)], raised):
+    for law, undeformed_timing in chain([first], raised):
+        timing = undeformed_timing
+        crossed: Sequence[SingularPoint] = ()  # of the deformed robot
         try:
             if request.geometry == "deformed":
-                plan = _plan_deformed(to_cross, request, law, timing)
+                dynamics, timing, crossed = _cross_deformed(to_cross, request, law, timing)
             else:
                 dynamics = resolve_law(to_cross.searched, law, **request.model_options)
-                plan = _certify(to_cross, request, dynamics, timing)
+            dynamics = share_load(dynamics, request, optimal=False)
+            break
         except SpringsTooSoft:  # whatever the law
             raise
         except NotConverged as failure:
             failures.append(failure)
-        else:
-            return plan
-    raise failures[0]
+    else:
+        raise failures[0]
+    planned = dynamics.law
+    assert isinstance(planned, Law)
+    reason = _reason_for_law(planned, request, len(timing))
+    return certified_plan(to_cross, request, dynamics, planned, timing, crossed=crossed, reason=reason)
 
 
-def _plan_deformed(
+def _cross_deformed(
     to_cross: PathToCross, request: Request, law: Law, timing: tuple[CrossingTime, ...]
-) -> CrossingPlan:
-    """Plan with the polynomial through the crossings of the deflected robot at given times and speeds.
+) -> tuple[InverseDynamics, tuple[CrossingTime, ...], Sequence[SingularPoint]]:
+    """Compute the motion of a polynomial that crosses the deflected robot's singular points and advances.
 
     Deflections move the crossing points along the path, and may so make the law turn back. Its degree is then
     raised, with new speeds where they are open.
@@ -94,14 +99,14 @@ def _plan_deformed(
         law: the law through the crossing points of the undeformed robot.
         timing: times and speeds of the crossings.
 
-    Raises:
-        InvalidInput, NoAnswer: as `plan_crossing`.
+    Returns:
+        The motion; times and speeds of its crossings; the crossing points with its deflections, none if the
+        user imposes them.
     """
     max_raises = 2
     crossings = to_cross.crossing_points
     for raises_left in reversed(range(max_raises + 1)):
-        tracker = CrossingTracker(to_cross.branch, crossings, np.array([time for time, _ in timing]))
-        dynamics = _resolve_deformed(to_cross, request, law, timing, tracker)
+        dynamics, tracker = _resolve_deformed(to_cross, request, law, timing)
         assert isinstance(dynamics.law, Law)
         try:
             _refuse_turning_back(dynamics.law, request, [crossing.s for crossing in dynamics.crossings])
@@ -115,32 +120,27 @@ def _plan_deformed(
                 raise
             advancing, timing = raised
             law = _solve_law(crossings, timing, request, _high_coefficients(advancing, request, timing))
-    crossed = () if request.at else tracker.crossings
-    return _certify(to_cross, request, dynamics, timing, crossed=crossed)
+    return dynamics, timing, () if request.at else tracker.crossings
 
 
 def _resolve_deformed(
-    to_cross: PathToCross,
-    request: Request,
-    undeformed: Law,
-    timing: tuple[CrossingTime, ...],
-    tracker: CrossingTracker,
-) -> InverseDynamics:
+    to_cross: PathToCross, request: Request, undeformed: Law, timing: tuple[CrossingTime, ...]
+) -> tuple[InverseDynamics, CrossingTracker]:
     """Compute the motion of the polynomial through the crossings of the deflected robot.
 
-    `resolve` computes deflections in passes, and each pass solves for a law of its own, with the same times
-    and speeds. If the passes do not converge, law and deflections are solved for together. The last law may
-    turn back.
+    Each pass of the deflections solves for a law of its own, with the same times and speeds. If the passes do
+    not converge, law and deflections are solved for together. The last law may turn back.
 
     Args:
         undeformed: the law through the crossing points of the undeformed robot.
         timing: times and speeds of the crossings.
-        tracker: of the crossings at these times, which it follows to the last deflections.
 
-    Raises:
-        InvalidInput, NoAnswer: as `plan_crossing`.
+    Returns:
+        The motion, and the crossings as followed to its deflections.
     """
     high = _high_coefficients(undeformed, request, timing)
+    times = np.array([time for time, _ in timing])  # (k,) [s]
+    tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None) -> Law:
         """Return the law of a pass with deflections (n_e) over time; None before the first pass."""
@@ -148,38 +148,15 @@ def _resolve_deformed(
             return undeformed
         return _solve_law(tracker.follow(deflections), timing, request, high)
 
-    try:
-        return resolve(to_cross.searched, choose_law, **request.model_options)
-    except (NotConverged, UnboundedTorque) as failure:
-        if request.at is not None:  # s" at imposed points is prescribed
-            raise
-        try:
-            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
-            return resolve(to_cross.searched, lambda _: balanced, **request.model_options, known=deflections)
-        except SearchEnded:
-            raise
-        except NoAnswer as second:  # raise the failure that says more
-            raise choose_failure(failure, second) from None
-
-
-def _certify(
-    to_cross: PathToCross,
-    request: Request,
-    dynamics: InverseDynamics,
-    timing: tuple[CrossingTime, ...],
-    crossed: Sequence[SingularPoint] = (),
-) -> CrossingPlan:
-    """Return the plan of a polynomial's motion, its load shared by redundant motors.
-
-    Args:
-        timing: times and speeds of the crossings for which the law was made.
-        crossed: the crossing points of a deformed robot.
-    """
-    law = dynamics.law
-    assert isinstance(law, Law)
-    dynamics = share_load(dynamics, request, optimal=False)
-    reason = _reason_for_law(law, request, len(timing))
-    return certified_plan(to_cross, request, dynamics, law, timing, crossed=crossed, reason=reason)
+    find_balance = partial(_find_balanced_law, to_cross, tracker, request, timing, high)
+    is_free = request.at is None  # s" at imposed points is prescribed
+    dynamics = resolve(
+        to_cross.searched,
+        choose_law,
+        **request.model_options,
+        find_balance=find_balance if is_free else None,
+    )
+    return dynamics, tracker
 
 
 def _high_coefficients(law: Law, request: Request, timing: Sequence[CrossingTime]) -> Array:
@@ -260,9 +237,6 @@ def _balance_accelerations(
 
     Returns:
         The law, and the deflections in balance with its forces.
-
-    Raises:
-        NoAnswer: as `solve_balance`.
     """
     acceleration_step = 1e-4  # of differences in s" at a crossing, times the duration squared
     branch = to_cross.branch

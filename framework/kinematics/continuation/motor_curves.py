@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from framework.kinematics.continuation.arclength import CurveEquations, Curves, TurningPoints
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
-    CurveEnds,
-    CurveEquations,
-    Curves,
+    accept_steps,
     limit_steps,
-    measure_steps,
 )
 from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
@@ -168,16 +166,16 @@ def _take_steps(
         largest=np.maximum(starts.largest, ends.clearance),
     )
 
-    # judge each step by its correction, the turn of its tangent, and the sign of det P
-    offsets = difference(robot, predicted[rows], ends.q)
-    correction, is_small, is_straight = measure_steps(
-        robot, offsets, length * starts.rate, length * ends.rate
-    )
-    # the tangent may turn only where P is far from losing rank, so that no other branch crosses
-    on_branch = is_small & (is_straight | (ends.clearance > BRANCHES_CROSS))
     end_sign = ends.determinant_sign * relative_orientation(starts.bases, ends.bases)
-    on_branch &= keeps_sign(
-        (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
+    on_branch, correction = accept_steps(
+        robot,
+        difference(robot, predicted[rows], ends.q),
+        length * starts.rate,
+        length * ends.rate,
+        keeps_mode=keeps_sign(
+            (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
+        ),
+        are_apart=lambda curved: ends.clearance[curved] > BRANCHES_CROSS,  # where P is far from losing rank
     )
     return rows, ends, correction, on_branch
 
@@ -224,7 +222,7 @@ def _end_at_turning_points(
     found = np.flatnonzero(ahead.found)
     ending = rows[found]
     last = select(curves, ending)
-    ends = curves_at(robot, ahead.linearised.select(found), last.x)
+    ends = curves_at(robot, linearised_at(robot, ahead.q[found]), last.x)
     ends = ends._replace(
         share=ahead.share[found], steps=last.steps + 1, largest=np.maximum(last.largest, ends.clearance)
     )
@@ -232,7 +230,7 @@ def _end_at_turning_points(
     return ending
 
 
-def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
+def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
     """Find the next Type 2 singularity ahead on each of T curves, from q (T, nq) at `share` s.
 
     On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
@@ -241,18 +239,15 @@ def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Arr
     passive = robot.following
     loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
 
-    def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
-        """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
+    def evaluate(q_on_curve: Array, _: Array, rows: IntArray) -> CurveEquations:
+        """Compute the loop equations (R, m) and their slopes at q (R, nq) of the curves `rows` (R,).
 
         The second argument, the share s, is not used: the equations depend on s only by q.
         """
         linearised = linearised_at(robot, q_on_curve)
-        loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
-        return CurveEquations(
-            matrix=loops[:, :, passive],
-            by_share=np.matvec(loops, turn / robot.column_scale),
-            residual=linearised.residual[:, robot.n :] / loop_sizes,
-            linearised=linearised,
-        )
+        loops = independent_loops_matrix(robot, linearised)  # (R, m, nv)
+        by_share = np.matvec(loops, turn[rows] / robot.column_scale)
+        slopes = np.concatenate([loops[:, :, passive], by_share[:, :, None]], axis=2)
+        return CurveEquations(linearised.residual[:, robot.n :] / loop_sizes, slopes)
 
-    return Curves(robot, passive, turn, evaluate).find_turning_points(q, share)
+    return Curves(robot, passive, turn, evaluate).find_turning_points(q, share, np.arange(len(q)))
