@@ -107,13 +107,13 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     forces = PathForces.compute(branch, s, closed)
     # powers (4, nv) of each joint for alpha, beta, gamma and delta
     powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
-    values = powers.sum(axis=1)
+    values = powers.sum(axis=1)  # (4,)
 
-    # a coefficient that is small against the sum of the sizes of its terms is rounding
-    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds
+    # a coefficient that is small against the sum (4,) of the sizes of its terms is rounding
+    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds [rad, robot lengths]
     term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
     if deflection is not None:  # moving springs add to gamma and delta
-        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)
+        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)  # (2, nv)
         values[2:] += of_springs.sum(axis=1)
         term_sizes[2:] += np.abs(of_springs).sum(axis=1)
         # stiff springs add small terms, which are not rounding as long as s" has an effect

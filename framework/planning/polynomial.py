@@ -259,7 +259,7 @@ def _solve_law(
     timing: Sequence[CrossingTime],
     request: Request,
     high: Array = NO_HIGH,
-    changes: Array | float = 0.0,
+    changes: Array | None = None,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
 
@@ -267,17 +267,16 @@ def _solve_law(
         crossings: k points with their s, each with the condition (8) that gives s" for s'.
         timing: times and speeds s' of the crossings.
         high: coefficients of the law above its least degree.
-        changes: (k,) [1/s^2] of s" at the crossings, added to those of the conditions.
+        changes: (k,) [1/s^2] of s" at the crossings, added to those of the conditions; none by default.
 
     Raises:
         InvalidInput: there is no such polynomial with the user's times.
         NoLaw: there is no such polynomial with chosen times.
     """
+    changes = np.zeros(len(crossings)) if changes is None else changes
     values = [  # s, s' and s" at each crossing
         (point.s, speed, point.acceleration_at(speed) + change)
-        for point, (_, speed), change in zip(
-            crossings, timing, np.broadcast_to(changes, len(crossings)), strict=True
-        )
+        for point, (_, speed), change in zip(crossings, timing, changes, strict=True)
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:

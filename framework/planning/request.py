@@ -65,31 +65,24 @@ class Request(PlanOptions):
         expect_path(path)
         for name in options.keys() - OPTIONS.keys():
             raise TypeError(f"{name!r} is no option of a plan{did_you_mean(name, OPTIONS)}")
-        filled_in = {
-            "geometry": checked_geometry(robot, options.get("geometry")),
-            "smoothness": checked_smoothness(robot, options.get("smoothness")),
+        limits = {  # (n_a,) each
+            name: motor_limits(robot, name, options.get(name))
+            for name in MOTOR_LIMITS
+            if name not in DRIVE_OPTIONS or options.get(name) is not None
         }
-        limits = {
-            name: motor_limits(robot, name, options.get(name)) for name in ("torque_limit", "speed_limit")
-        }
-        for name in options.keys() & MOTOR_LIMITS:
-            if options[name] is not None:
-                stated = limits[name] if name in limits else motor_limits(robot, name, options[name])
-                filled_in[name] = shortest_form(stated)
-        request = Request(path=path, **{**options, **filled_in})
+        stated = {name: shortest_form(limits[name]) for name in limits if options.get(name) is not None}
+        geometry = checked_geometry(robot, options.get("geometry"))
+        smoothness = checked_smoothness(robot, options.get("smoothness"))
+        request = Request(path=path, **{**options, **stated, "geometry": geometry, "smoothness": smoothness})
         request.external_wrenches.check_frames(robot)
-        drives: dict[str, Any] = {name: filled_in[name] for name in DRIVE_OPTIONS if name in filled_in}
+        drives: dict[str, Any] = {name: stated[name] for name in DRIVE_OPTIONS if name in stated}
         has_drives = drive_limits(robot, limits["torque_limit"], **drives) is not None
-        if has_drives and request.torque_sharing == "free":
-            raise InvalidInput(
-                "torque_sharing: motors with torque-speed curves or RMS torque limits have least_norm alone"
-            ).advising({"torque_sharing": None})
-        if robot.n_e and request.torque_sharing == "free":
-            raise InvalidInput(
-                "torque_sharing: elastic robots have least_norm alone, as their springs deflect with the "
-                "distribution of torques"
-            ).advising({"torque_sharing": None})
-        if request.goal == "time" and np.isinf(list(limits.values())).all():
+        if request.torque_sharing == "free" and (has_drives or robot.n_e):
+            alone = "elastic robots have least_norm alone, as their springs deflect with the distribution"
+            if has_drives:
+                alone = "motors with torque-speed curves or RMS torque limits have least_norm alone"
+            raise InvalidInput(f"torque_sharing: {alone}").advising({"torque_sharing": None})
+        if request.goal == "time" and np.isinf([limits["torque_limit"], limits["speed_limit"]]).all():
             raise InvalidInput(
                 "torque_limit or speed_limit is needed, given or in the robot file (effort and velocity of "
                 "the URDF are not read): without limits no law is the quickest"
@@ -99,8 +92,9 @@ class Request(PlanOptions):
     def __post_init__(self) -> None:
         """Check each option by itself, and convert its value; then check options against each other."""
         expect_path(self.path)
+        values = vars(self)
         for name, option in OPTIONS.items():
-            value = getattr(self, name)
+            value = values[name]
             is_left_open = value is None and DEFAULTS[name] is None  # None is the default
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen

@@ -297,7 +297,10 @@ def certified_plan(
         elif condition is not None and request.geometry == "deformed":
             deflection = Deflection.evaluate(dynamics.deflection, measured.time)
             condition = coefficients_at(to_cross.branch, measured, deflection)
-        crossings.append(_set_planned_instant(replace(measured, condition=condition), law, timing))
+        time, speed, acceleration = _planned_motion(measured, law, timing)
+        crossings.append(
+            replace(measured, condition=condition, time=time, speed=speed, acceleration=acceleration)
+        )
     monotone = law.least_speed_ratio(request.smoothness, request.ends) > 0
     return CrossingPlan(
         dynamics.robot,
@@ -311,14 +314,16 @@ def certified_plan(
     )
 
 
-def _set_planned_instant(crossing: Crossing, law: PlannedLaw, timing: Sequence[CrossingTime]) -> Crossing:
-    """Return a crossing at the time and speed for which its law was made, if it was made for the crossing.
+def _planned_motion(
+    crossing: Crossing, law: PlannedLaw, timing: Sequence[CrossingTime]
+) -> tuple[float, float, float]:
+    """Return time [s], s' [1/s] and s" [1/s^2] of a crossing: those of its law, or else measured ones.
 
-    They replace a measured time and speed that differ only by rounding.
+    Times and speeds for which the law was made replace measured ones that differ only by rounding.
     """
     for time, speed in timing:
         if abs(time - crossing.time) < SAME_PLACE * law.duration:
             _s, found, acceleration = map(float, law.derivatives(time, 3))
             is_same = abs(speed - found) < SAME_PLACE * found
-            return replace(crossing, time=time, speed=speed if is_same else found, acceleration=acceleration)
-    return crossing
+            return time, speed if is_same else found, acceleration
+    return crossing.time, crossing.speed, crossing.acceleration
