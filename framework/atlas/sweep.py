@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.continuation.predictor_corrector import measure_steps
-from framework.kinematics.frames import difference, integrate
-from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.continuation.predictor_corrector import is_small, measure_steps
+from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.inverse_kinematics import close_in_place
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     count_lost_ranks,
@@ -80,14 +80,55 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, str
             one. With the last stride a step that cannot be trusted is divided into `STEP_PARTS`.
     """
     wanted = reason == PoseReason.NO_NEIGHBOUR
+    near = wanted.copy()  # (I, J) poses at which steps may begin or end
+    for stride in strides:
+        for direction in DIRECTIONS:
+            near[::stride, ::stride] |= _shift_mask(wanted[::stride, ::stride], *direction)
+    grid = GridStates.of(robot, near)
     for stride in strides:
         lattice = np.s_[::stride, ::stride]
         parts = STEP_PARTS if stride == strides[-1] else 1
-        _fill_lattice(robot, x[lattice], q[lattice], reason[lattice], wanted[lattice], parts)
+        places = grid._replace(numbers=grid.numbers[lattice])
+        _fill_lattice(robot, x[lattice], q[lattice], reason[lattice], wanted[lattice], places, parts)
+
+
+class GridStates(NamedTuple):
+    """States of S poses of a grid, each computed once."""
+
+    numbers: IntArray  # (I, J) of the poses' states; meaningless for poses at which no step begins or ends
+    states: ModeStates  # (S, ..)
+    is_known: BoolArray  # (S,) whether the state has been computed
+
+    @staticmethod
+    def of(robot: ParallelRobot, near: BoolArray) -> GridStates:
+        """Make places for the states of the poses `near` (I, J)."""
+        count = np.count_nonzero(near)
+        reference = ModeStates.of(robot, linearised_at_reference(robot))
+        states = ModeStates(*(np.empty((count, *part.shape[1:])) for part in reference))
+        return GridStates(np.cumsum(near).reshape(near.shape) - 1, states, np.zeros(count, dtype=bool))
+
+    def store(self, numbers: IntArray, new: ModeStates) -> None:
+        """Store new states of the `numbers` (k,), in place."""
+        assign(self.states, numbers, new)
+        self.is_known[numbers] = True
+
+    def read(self, robot: ParallelRobot, q: Array, numbers: IntArray) -> ModeStates:
+        """Return the states, `numbers` (k,), of configurations q (k, nq); compute unknown ones."""
+        new, first = np.unique(numbers, return_index=True)
+        first = first[~self.is_known[new]]
+        if len(first):
+            self.store(numbers[first], ModeStates.of(robot, linearised_at(robot, q[first])))
+        return select(self.states, numbers)
 
 
 def _fill_lattice(
-    robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, wanted: BoolArray, parts: int
+    robot: ParallelRobot,
+    x: Array,
+    q: Array,
+    reason: ReasonArray,
+    wanted: BoolArray,
+    grid: GridStates,
+    parts: int,
 ) -> None:
     """Fill the wanted poses (I, J) of one lattice in waves, in place.
 
@@ -100,29 +141,29 @@ def _fill_lattice(
         q: (I, J, nq) configurations; NaN at poses that are not filled.
         reason: (I, J) `PoseReason` of each pose.
         wanted: (I, J) mask of the poses to fill.
+        grid: states of the lattice's poses, to which those of new ends are added.
         parts: number of parts into which a step that is not trusted is divided.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
-    # rows and columns (S, 2) of the poses at which steps may begin or end, and the number of each
-    is_near = np.any([wanted, *(_shift_mask(wanted, *direction) for direction in DIRECTIONS)], axis=0)
-    places = np.argwhere(is_near)
-    numbers = np.cumsum(is_near).reshape(is_near.shape) - 1
-    reference = ModeStates.of(robot, linearised_at_reference(robot))
-    states = ModeStates(*(np.empty((len(places), *part.shape[1:])) for part in reference))
-    has_state = np.zeros(len(places), dtype=bool)
     while True:
-        is_target, (i, j) = _choose_neighbours(np.isfinite(q[..., 0]), wanted, untried)
+        filled = np.isfinite(q[..., 0])
+        is_target, (i, j) = _choose_neighbours(filled, wanted, untried)
         if not is_target.any():
             return
-        starts, targets = numbers[i, j], numbers[is_target]
-        new = np.unique(starts[~has_state[starts]])
-        if len(new):
-            assign(states, new, ModeStates.of(robot, linearised_at(robot, q[tuple(places[new].T)])))
-        # step from all of them at once
-        ends = _continue_states(robot, select(states, starts), x[i, j], x[is_target], parts)
+        # the poses opposite to the neighbours, where they are inside of the lattice and filled as well
+        rows, columns = 2 * np.argwhere(is_target).T - (i, j)
+        is_inside = (rows >= 0) & (rows < len(q)) & (columns >= 0) & (columns < q.shape[1])
+        between = np.flatnonzero(is_inside)
+        between = between[filled[rows[between], columns[between]]]
+        opposite = rows[between], columns[between]
+        # step from all neighbours at once
+        starts = grid.read(robot, q[i, j], grid.numbers[i, j])
+        opposites = grid.read(robot, q[opposite], grid.numbers[opposite])
+        ends = _continue_states(
+            robot, starts, x[i, j], x[is_target], parts, between=between, opposites=opposites
+        )
         reached = ends.reason == PoseReason.REACHED
-        assign(states, targets[reached], select(ends.states, reached))
-        has_state[np.append(new, targets[reached])] = True
+        grid.store(grid.numbers[is_target][reached], select(ends.states, reached))
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
 
@@ -165,10 +206,13 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 
 
 def _continue_states(
-    robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int
+    robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int, **opposites: Any
 ) -> StepEnds:
-    """Continue T configurations from `start` to `end` (T, n), as `step_poses`."""
-    ends = _step_once(robot, states, start, end)
+    """Continue T configurations from `start` to `end` (T, n), as `step_poses`.
+
+    The `opposites` of `_step_once` are for the undivided steps.
+    """
+    ends = _step_once(robot, states, start, end, **opposites)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):
         return ends
@@ -188,11 +232,23 @@ def _continue_states(
     return ends
 
 
-def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Array) -> StepEnds:
+def _step_once(
+    robot: ParallelRobot,
+    states: ModeStates,
+    start: Array,
+    end: Array,
+    *,
+    between: IntArray | None = None,
+    opposites: ModeStates | None = None,
+) -> StepEnds:
     """Continue T configurations from `start` to `end` (T, n) in one step.
 
     A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
     OTHER_MODE, or OPEN if the loops do not close.
+
+    Args:
+        between: (k,) steps whose ends lie halfway between their starts and the `opposites`.
+        opposites: states of these k poses.
     """
     newton_steps = 10  # largest number that corrects a prediction
     # predict
@@ -204,26 +260,38 @@ def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Arra
     prediction = states.joint_rates(robot, start_twist)  # (T, nv) step along the tangent, springs at rest
     predicted = integrate(robot, states.q, prediction)
 
+    # between two poses the cubic polynomial through both, along their tangents, is nearer than the tangent
+    guess = predicted.copy()
+    if between is not None and opposites is not None and len(between):
+        half_step = end[between] - start[between]
+        opposite_twist, _ = robot.platform.twist(end[between] + half_step, half_step)
+        half = 0.5 * difference(robot, states.q[between], opposites.q)  # (k, nv) along the chord
+        bend = 0.25 * (prediction[between] - opposites.joint_rates(robot, opposite_twist))
+        middle = integrate(robot, integrate(robot, states.q[between], half), bend)  # balls: symmetric
+        offset = largest_motion(robot, difference(robot, predicted[between], middle))
+        is_near = is_small(offset, largest_motion(robot, prediction[between]))  # both on one branch
+        guess[between[is_near]] = middle[is_near]
+
     # correct, and judge the steps that close
-    corrected, end_linearised, closed = close_each(
-        robot, end, predicted, iterations=newton_steps, farthest=MAX_NEWTON_STEP
-    )
-    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    closed_steps = np.flatnonzero(closed)  # those not accepted below keep OTHER_MODE
-    closed_loops = end_linearised.select(closed_steps)
-    closed_states = ModeStates.of(robot, closed_loops)
-    accepted = _accept_steps(
-        robot,
-        select(states, closed_steps),
-        closed_states,
-        closed_loops,
-        prediction[closed_steps],
-        closed_states.joint_rates(robot, end_twist[closed_steps]),
-        difference(robot, predicted[closed_steps], corrected[closed_steps]),
-    )
-    reason[closed_steps[accepted]] = PoseReason.REACHED
+    reason = np.full(len(start), PoseReason.OPEN, dtype=np.uint8)
     ends = select(states, np.arange(len(start)))  # a copy, of which the starts stay where no loop closes
-    assign(ends, closed_steps, closed_states)
+    corrected = guess
+    for closed, loops, _ in close_in_place(
+        robot, end, corrected, iterations=newton_steps, farthest=MAX_NEWTON_STEP
+    ):
+        # the loops before a last step of rounding serve for its end
+        closed_states = ModeStates.of(robot, loops)._replace(q=corrected[closed])
+        accepted = _accept_steps(
+            robot,
+            select(states, closed),
+            closed_states,
+            loops,
+            prediction[closed],
+            closed_states.joint_rates(robot, end_twist[closed]),
+            difference(robot, predicted[closed], corrected[closed]),
+        )
+        reason[closed] = np.where(accepted, PoseReason.REACHED, PoseReason.OTHER_MODE)
+        assign(ends, closed, closed_states)
     return StepEnds(ends, reason)
 
 
