@@ -84,41 +84,18 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, str
     for stride in strides:
         for direction in DIRECTIONS:
             near[::stride, ::stride] |= _shift_mask(wanted[::stride, ::stride], *direction)
-    grid = GridStates.of(robot, near)
+    # the states of these poses, each computed once, by their numbers
+    numbers = np.cumsum(near).reshape(near.shape) - 1
+    of_reference = ModeStates.of(robot, linearised_at_reference(robot))
+    states = ModeStates(*(np.empty((near.sum(), *part.shape[1:])) for part in of_reference))
+    filled = near & np.isfinite(q[..., 0])
+    if filled.any():
+        assign(states, numbers[filled], ModeStates.of(robot, linearised_at(robot, q[filled])))
     for stride in strides:
         lattice = np.s_[::stride, ::stride]
         parts = STEP_PARTS if stride == strides[-1] else 1
-        places = grid._replace(numbers=grid.numbers[lattice])
-        _fill_lattice(robot, x[lattice], q[lattice], reason[lattice], wanted[lattice], places, parts)
-
-
-class GridStates(NamedTuple):
-    """States of S poses of a grid, each computed once."""
-
-    numbers: IntArray  # (I, J) of the poses' states; meaningless for poses at which no step begins or ends
-    states: ModeStates  # (S, ..)
-    is_known: BoolArray  # (S,) whether the state has been computed
-
-    @staticmethod
-    def of(robot: ParallelRobot, near: BoolArray) -> GridStates:
-        """Make places for the states of the poses `near` (I, J)."""
-        count = np.count_nonzero(near)
-        reference = ModeStates.of(robot, linearised_at_reference(robot))
-        states = ModeStates(*(np.empty((count, *part.shape[1:])) for part in reference))
-        return GridStates(np.cumsum(near).reshape(near.shape) - 1, states, np.zeros(count, dtype=bool))
-
-    def store(self, numbers: IntArray, new: ModeStates) -> None:
-        """Store new states of the `numbers` (k,), in place."""
-        assign(self.states, numbers, new)
-        self.is_known[numbers] = True
-
-    def read(self, robot: ParallelRobot, q: Array, numbers: IntArray) -> ModeStates:
-        """Return the states, `numbers` (k,), of configurations q (k, nq); compute unknown ones."""
-        new, first = np.unique(numbers, return_index=True)
-        first = first[~self.is_known[new]]
-        if len(first):
-            self.store(numbers[first], ModeStates.of(robot, linearised_at(robot, q[first])))
-        return select(self.states, numbers)
+        grid = x[lattice], q[lattice], reason[lattice], wanted[lattice], numbers[lattice]
+        _fill_lattice(robot, *grid, states, parts)
 
 
 def _fill_lattice(
@@ -127,7 +104,8 @@ def _fill_lattice(
     q: Array,
     reason: ReasonArray,
     wanted: BoolArray,
-    grid: GridStates,
+    numbers: IntArray,
+    states: ModeStates,
     parts: int,
 ) -> None:
     """Fill the wanted poses (I, J) of one lattice in waves, in place.
@@ -141,36 +119,32 @@ def _fill_lattice(
         q: (I, J, nq) configurations; NaN at poses that are not filled.
         reason: (I, J) `PoseReason` of each pose.
         wanted: (I, J) mask of the poses to fill.
-        grid: states of the lattice's poses, to which those of new ends are added.
+        numbers: (I, J) of the poses' states.
+        states: of the filled poses, to which those of new ends are added.
         parts: number of parts into which a step that is not trusted is divided.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
     while True:
-        filled = np.isfinite(q[..., 0])
-        is_target, (i, j) = _choose_neighbours(filled, wanted, untried)
+        is_target, (i, j), between = _choose_neighbours(np.isfinite(q[..., 0]), wanted, untried)
         if not is_target.any():
             return
-        # the poses opposite to the neighbours, where they are inside of the lattice and filled as well
-        rows, columns = 2 * np.argwhere(is_target).T - (i, j)
-        is_inside = (rows >= 0) & (rows < len(q)) & (columns >= 0) & (columns < q.shape[1])
-        between = np.flatnonzero(is_inside)
-        between = between[filled[rows[between], columns[between]]]
-        opposite = rows[between], columns[between]
         # step from all neighbours at once
-        starts = grid.read(robot, q[i, j], grid.numbers[i, j])
-        opposites = grid.read(robot, q[opposite], grid.numbers[opposite])
+        opposite_i, opposite_j = (2 * np.argwhere(is_target).T - (i, j))[:, between]
+        opposites = select(states, numbers[opposite_i, opposite_j])
         ends = _continue_states(
-            robot, starts, x[i, j], x[is_target], parts, between=between, opposites=opposites
+            *(robot, select(states, numbers[i, j]), x[i, j], x[is_target], parts),
+            between=between,
+            opposites=opposites,
         )
         reached = ends.reason == PoseReason.REACHED
-        grid.store(grid.numbers[is_target][reached], select(ends.states, reached))
+        assign(states, numbers[is_target][reached], select(ends.states, reached))
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
 
 
 def _choose_neighbours(
     filled: BoolArray, wanted: BoolArray, untried: BoolArray
-) -> tuple[BoolArray, IntArray]:
+) -> tuple[BoolArray, IntArray, IntArray]:
     """Choose an untried, filled neighbour for each wanted pose that is not filled.
 
     Args:
@@ -178,16 +152,18 @@ def _choose_neighbours(
         untried: (4, I, J) neighbours of each pose in DIRECTIONS; those chosen are removed, in place.
 
     Returns:
-        Mask (I, J) of these poses; rows and columns (2, poses) of their neighbours.
+        Mask (I, J) of these poses; rows and columns (2, poses) of their neighbours; which of the poses also
+        have a filled neighbour opposite to this one.
     """
-    is_target = np.zeros(filled.shape, dtype=bool)
+    is_target, is_between = np.zeros((2, *filled.shape), dtype=bool)
     sources = np.zeros((*filled.shape, 2), dtype=np.intp)  # row and column of the neighbour
     for k, (down, right) in enumerate(DIRECTIONS):
         chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
         untried[k] &= ~chosen
         is_target |= chosen
+        is_between |= chosen & _shift_mask(filled, -down, -right)
         sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
-    return is_target, sources[is_target].T
+    return is_target, sources[is_target].T, np.flatnonzero(is_between[is_target])
 
 
 def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
