@@ -169,20 +169,22 @@ class LinearModels(NamedTuple):
         by noise and by vibrations that differ.
         """
         key = repr((loop, self.tuning))
-        if key not in self.tuned:
+        if key in self.tuned:
+            return self.tuned[key]
+        tried: dict[tuple[float, float], tuple[Regulator, LoopPrediction]] = {}  # by noise and share
 
-            def rank(tuned: tuple[Regulator, LoopPrediction]) -> tuple[float, float, float]:
-                excess = tuned[1].excess(loop.tolerance)
-                return max(excess, 1.0), -tuned[1].ends, excess
+        def rank(weights: tuple[float, float]) -> tuple[float, float, float]:
+            if weights not in tried:
+                tried[weights] = self._tune(loop, *weights)
+            prediction = tried[weights][1]
+            excess = prediction.excess(loop.tolerance)
+            return max(excess, 1.0), -prediction.ends, excess
 
-            best = self._tune(loop, 1.0, 1.0)
-            if rank(best) > (1.0, -1.0, GOOD_EXCESS):
-                share = TORQUE_SHARES[0]
-                of_noises = {noise: self._tune(loop, noise, share) for noise in FILTER_NOISES}
-                noise = min(of_noises, key=lambda one: rank(of_noises[one]))
-                of_shares = [self._tune(loop, noise, other) for other in TORQUE_SHARES[1:]]
-                best = min([of_noises[noise], *of_shares, best], key=rank)
-            self.tuned[key] = best
+        best = (1.0, 1.0)
+        if rank(best) > (1.0, -1.0, GOOD_EXCESS):
+            noise, _share = min(((noise, TORQUE_SHARES[0]) for noise in FILTER_NOISES), key=rank)
+            best = min([best, *((noise, share) for share in TORQUE_SHARES)], key=rank)
+        self.tuned[key] = tried[best]
         return self.tuned[key]
 
     def _tune(self, loop: ControlLoop, noise: float, torque: float) -> tuple[Regulator, LoopPrediction]:
