@@ -548,13 +548,6 @@ upright five-bar whose springs vibrate moves otherwise, also in balance: torques
 peak, the peak by 3e-8. An orthoglide keeps its torques to 3e-13.
 """
 
-FOLD_MISFIT = 1e-12
-"""Force that neither springs nor motors nor loops hold at rest, over the largest load, on the way to a fold.
-
-Folds of a soft five-bar are the same to 4e-10 at 1e-9 and off by 3e-5 at 1e-4; Newton's method gets here in a
-step more.
-"""
-
 STIFFER_THAN_FOLD = 1.02
 """Stiffness of springs that are advised where springs give way at rest, over that at the fold.
 
