@@ -51,9 +51,8 @@ def optimal_motion(task: Task) -> OptimalMotion:
             advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
             ended = seconds_ended()  # a motion is tried no longer than that
             untried = () if ended is None else (f"what would do was sought for no longer than {ended:g} s",)
-            refusal.clauses = (*numbers, *advice, *untried)
-            refusal.evidence = sought
-        raise
+            refusal = refusal.with_changes(clauses=(*numbers, *advice, *untried), evidence=sought)
+        raise refusal from None
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)
     return motion
