@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.dynamics.forces import all_spring_forces
-from framework.dynamics.stiffness import CompliantMotions, compliant_motions, deflects_little, require_springs
+from framework.dynamics.stiffness import (
+    MAX_STEP,
+    CompliantMotions,
+    compliant_motions,
+    deflects_little,
+    require_springs,
+)
 from framework.dynamics.tangent_stiffness import (
     EquilibriumEquations,
     Load,
@@ -89,7 +95,12 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 
     motors_at_rest = np.zeros((len(q), robot.nv))
     ends = Curves(robot, robot.unlocked, motors_at_rest, evaluate).follow(
-        q, load.share, is_inside=lambda q_on_curve: deflects_little(robot, q_on_curve), is_stable=_is_stable
+        q,
+        load.share,
+        evaluate_equilibrium(robot, q, load),
+        longest=np.full(len(q), MAX_STEP),
+        to_rounding=True,
+        accept=lambda ends: (_is_stable(ends.equations.H), deflects_little(robot, ends.points.q)),
     )
     reason = np.array([LOAD_REASONS[CurveReason(end)] for end in ends.reason], dtype=np.uint8)
 
@@ -103,8 +114,8 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     return LoadedStack(ends.q, reason, ends.share, free._replace(K=under_load))
 
 
-def _is_stable(equations: EquilibriumEquations) -> BoolArray:
-    """Return whether the tangent stiffness is positive definite, (T,)."""
-    values = np.linalg.eigvalsh(equations.H)  # (T, d) ascending
+def _is_stable(H: Array) -> BoolArray:
+    """Return whether tangent stiffness matrices H (T, d, d) are positive definite, (T,)."""
+    values = np.linalg.eigvalsh(H)  # (T, d) ascending
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True, initial=0.0)
     return np.asarray((values > rounding).all(axis=1))

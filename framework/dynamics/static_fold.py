@@ -17,6 +17,7 @@ from framework.dynamics.loaded_balance import (
     evaluate_balance,
     spring_units,
 )
+from framework.dynamics.stiffness import MAX_STEP
 from framework.errors import NoAnswer
 from framework.kinematics.continuation.arclength import CurveEquations, CurveReason, Curves
 from framework.kinematics.continuation.tracking import Branch
@@ -60,11 +61,12 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
         slopes = np.column_stack([by_l, r_along_Y])
         return CurveEquations(share * balance.F / K.max(), slopes[None] / K.max())
 
-    curve = Curves(robot, robot.elastic, np.zeros((1, robot.nv)), evaluate)
-    ends = curve.follow(
+    first_share = np.array([FIRST_SHARE])
+    ends = Curves(robot, robot.elastic, np.zeros((1, robot.nv)), evaluate).follow(
         q_at_rest,
-        np.array([FIRST_SHARE]),
-        is_inside=lambda q: np.ones(len(q), dtype=bool),
-        is_stable=lambda equations: np.ones(len(equations.values), dtype=bool),
+        first_share,
+        evaluate(q_at_rest, first_share, np.zeros(1, dtype=np.intp)),
+        longest=np.full(1, MAX_STEP),
+        accept=lambda ends: (np.ones(len(ends.rows), dtype=bool),) * 2,
     )
     return float(ends.share[0]) if ends.reason[0] == CurveReason.TURNED else None

@@ -31,7 +31,6 @@ import numpy as np
 from framework.dynamics.forces import mass_matrices
 from framework.dynamics.tangent_stiffness import Load, check_wrench, evaluate_equilibrium, tangent_stiffness
 from framework.errors import InvalidInput, NotConverged
-from framework.kinematics.continuation.arclength import MAX_STEP
 from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
@@ -45,6 +44,8 @@ from framework.tolerances import (
     NEWTON_STEP,
     RANK_ROUNDING,
 )
+
+MAX_STEP = 0.1  # [rad, robot lengths] largest step under load; deflections of linear springs are smaller
 
 
 class CompliantMotions(NamedTuple):

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.kinematics.assembly import MAX_ITERATIONS
-from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE
+from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_straight
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, assign, select
@@ -36,7 +36,6 @@ from framework.tolerances import BRANCH_STEP_SHARE, NEWTON_STEP
 
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
-MAX_STEP = 0.1  # [rad, lengths] largest joint motion of a step; deflections of linear springs are smaller
 UNCHECKED_MOTION = 1e-7  # [rad, lengths] shorter steps are too short for a fold, and are not halved
 # Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
 # tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
@@ -114,7 +113,7 @@ def correct_points(
             equations = evaluate(select(points, live), live)
             assign(last, live, equations)  # type: ignore[type-var]
         newton, _ = solve_bordered(equations, border[live])
-        size = np.abs(newton[:, measured]).max(axis=1)
+        size = np.abs(newton[:, measured]).max(axis=1, initial=0.0)
         correction[live] += size
         goes_on = correction[live] <= longest[live]  # not if the matrix is singular
         newton[~goes_on] = 0.0
@@ -157,6 +156,17 @@ class CurveReason(IntEnum):
     STALLED = 3  # no equations hold a step further
 
 
+class StepEnds(NamedTuple, Generic[AnyEquations]):
+    """The ends of R steps along curves."""
+
+    rows: IntArray  # (R,) indices of the curves
+    points: CurvePoints
+    tangent: Array  # (R, k + 1) d(y, s)/dt
+    equations: AnyEquations
+    size: Array  # (R,) [rad, lengths] largest motion of a joint along the tangent at the start
+    is_straight: BoolArray  # (R,) whether the tangent turns little on the way
+
+
 class CurveEnds(NamedTuple):
     """The ends of T curves."""
 
@@ -190,44 +200,56 @@ class Curves(Generic[AnyEquations]):
         self,
         q: Array,
         share: Array,
+        first: AnyEquations,
         *,
-        is_inside: Callable[[Array], BoolArray],
-        is_stable: Callable[[AnyEquations], BoolArray],
+        longest: Array,
+        to_rounding: bool = False,
+        accept: Callable[[StepEnds[AnyEquations]], tuple[BoolArray, BoolArray]],
     ) -> CurveEnds:
         """Follow T curves from points q (T, nq) at s = `share` (T,) until they end, at most to s = 1.
 
         Each curve takes steps of its own. An accepted step doubles the next one, a refused step is halved and
         tried again. A step is accepted if its correction is small, if the gain in s agrees with the slopes of
-        s at both ends, so that no fold lies between, and if its end is stable. Where s turns back the turning
-        point is solved for. Where stability is lost otherwise, as at a bifurcation, the place is bracketed.
+        s at both ends, so that no fold lies between, and if its end is on the same branch. Where s turns back
+        the turning point is solved for. Where the branch ends otherwise, as at a bifurcation, the place is
+        bracketed.
 
         Args:
-            is_inside: returns whether configurations (r, nq) are in the region in which curves are followed.
-            is_stable: returns whether points are stable, (r,), by their equations.
+            first: the equations at the starts.
+            longest: (T,) [rad, lengths] the largest motion of a joint in a step; `accept` may change it.
+            to_rounding: whether each point gets one more correction, which tangents of soft robots need.
+            accept: returns which steps without a fold end on their branch, (R,), and which are in the region
+                where curves are followed, (R,). It may take note of the steps that it accepts.
         """
-        max_steps = 1000  # most curves take one, and steps of MAX_STEP soon lead far
+        max_steps = 10000  # most curves take one, and a turn of a motor takes a hundred
         points = CurvePoints(q.copy(), share.copy())
         reason = np.full(len(q), CurveReason.STALLED, dtype=np.uint8)
-        step = np.full(len(q), MAX_STEP)
+        step = longest.copy()
         live = np.arange(len(q))  # indices of the curves still followed
-        tangent = _tangents_of_growing_share(self.evaluate(q, share, live))
+        tangent = self._scale_tangents(_tangents_of_growing_share(first), live)
         for _ in range(max_steps):
             if not len(live):
                 break
             start = select(points, live)
             with np.errstate(all="ignore"):  # a step that fails gives numbers that are not finite
-                size, is_accepted, is_lost, turns_back, end, end_tangent = self._take_steps(
-                    start, tangent[live], step[live], live, is_stable
+                ends, on_curve, turns_back = self._take_steps(
+                    start, tangent[live], step[live], live, to_rounding=to_rounding
                 )
-            step[live] = np.where(is_accepted, np.minimum(2.0 * size, MAX_STEP), 0.5 * size)
-            assign(points, live[is_accepted], select(end, is_accepted))
-            tangent[live[is_accepted]] = end_tangent[is_accepted]
-            reason[live[is_accepted & (end.share == 1.0)]] = CurveReason.ARRIVED
-            has_left = is_accepted & (end.share <= 1.0) & ~is_inside(end.q)
-            reason[live[has_left]] = CurveReason.LEFT
+            is_accepted = on_curve & ~turns_back
+            accepted = select(ends, is_accepted)
+            keeps_branch, is_inside = accept(accepted)
+            is_accepted[is_accepted] = keeps_branch
+            is_lost = on_curve & ~is_accepted
+            size = ends.size
+            rows, reached = accepted.rows[keeps_branch], select(accepted.points, keeps_branch)
+            assign(points, rows, reached)
+            tangent[rows] = accepted.tangent[keeps_branch]
+            reason[rows[reached.share == 1.0]] = CurveReason.ARRIVED
+            reason[rows[~is_inside[keeps_branch] & (reached.share <= 1.0)]] = CurveReason.LEFT
+            step[live] = np.where(is_accepted, np.minimum(2.0 * size, longest[live]), 0.5 * size)
             reason[live[is_lost & (size <= UNCHECKED_MOTION)]] = CurveReason.TURNED
 
-            folding = np.flatnonzero(is_lost & turns_back)
+            folding = np.flatnonzero(on_curve & turns_back)
             if len(folding):
                 ahead = self.find_turning_points(start.q[folding], start.share[folding], live[folding])
                 rows = live[folding[ahead.found]]
@@ -238,64 +260,79 @@ class Curves(Generic[AnyEquations]):
         return CurveEnds(*points, reason)
 
     def _take_steps(
-        self,
-        start: CurvePoints,
-        tangent: Array,
-        step: Array,
-        rows: IntArray,
-        is_stable: Callable[[AnyEquations], BoolArray],
-    ) -> tuple[Array, BoolArray, BoolArray, BoolArray, CurvePoints, Array]:
+        self, start: CurvePoints, tangent: Array, step: Array, rows: IntArray, *, to_rounding: bool
+    ) -> tuple[StepEnds[AnyEquations], BoolArray, BoolArray]:
         """Step along R curves by at most `step` (R,), the largest motion of a joint [rad, lengths].
 
         A step ends at s = 1 if that is nearer, and is then corrected at constant s; if s has passed 1 the
-        step leads back. Any other step is corrected across the tangent, and once more, to rounding, because
-        the tangent of a soft robot needs this accuracy.
+        step leads back. Any other step is corrected across the tangent. The parameter t is the length along
+        the tangents, of all joints.
 
         Args:
-            tangent: (R, k + 1) d(y, s)/dt at the starts, of unit length in y.
+            tangent: (R, k + 1) d(y, s)/dt at the starts.
             rows: indices (R,) of the curves.
-            is_stable: as in `follow`.
+            to_rounding: as in `follow`.
 
         Returns:
-            The size (R,) of the predicted steps; whether they are accepted; whether they reach the curve
-            beyond a fold or another loss of stability; whether s turns back on them; their ends, with
-            tangents (R, k + 1).
+            The ends of the steps; whether they are on the curve; whether s turns back on the way to them.
         """
-        along, slope = tangent[:, :-1], tangent[:, -1]  # dy/dt and ds/dt
-        speed = np.abs(along).max(axis=1)
+        speed = largest_motion(self.robot, self._joint_motions(tangent, rows))
         limit = step / np.maximum(speed, LEAST_DIVISOR)  # of the length in t
-        to_end = (1.0 - start.share) / slope
+        to_end = (1.0 - start.share) / tangent[:, -1]
         is_whole = np.abs(to_end) <= limit
         length = np.clip(to_end, -limit, limit)
         size = np.abs(length) * speed
         predicted = self._move(start, length[:, None] * tangent, rows)
         predicted.share[is_whole] = 1.0
 
-        across = np.pad(along, ((0, 0), (0, 1)))
+        across = self._gradients_of_length(tangent, rows)
         constant_share = np.eye(tangent.shape[1])[-1]
-        corrected = correct_points(
+        points, equations, change, converged = correct_points(
             lambda points, which: self.evaluate(*points, rows[which]),
             lambda points, change, which: self._move(points, change, rows[which]),
             predicted,
             np.where(is_whole[:, None], constant_share, across),
             longest=np.maximum(BRANCH_STEP_SHARE * size, UNCHECKED_MOTION),
-            repeats=~is_whole,
+            repeats=to_rounding & ~is_whole,
             measured=slice(-1),
         )
-        end, equations, change, converged = corrected
         _, end_tangent = solve_bordered(equations, across)
-        end_slope = end_tangent[:, -1].copy()
-        end_tangent /= np.linalg.norm(end_tangent[:, :-1], axis=1, keepdims=True)
 
         length = length + dot(across, change)
-        gap = np.abs(end.share - start.share - 0.5 * length * (slope + end_slope))
-        largest_gain = np.abs(length) * np.maximum(np.abs(slope), np.abs(end_slope))
+        mean_slope = 0.5 * (tangent[:, -1] + end_tangent[:, -1])  # of s
+        largest_slope = np.maximum(np.abs(tangent[:, -1]), np.abs(end_tangent[:, -1]))
+        gap = np.abs(points.share - start.share - length * mean_slope)
         # the shortest steps have no room for a fold
-        on_curve = converged & ((gap <= MAX_SHARE_GAP * largest_gain) | (size <= UNCHECKED_MOTION))
-        turns_back = slope * end_slope < 0.0
-        keeps = on_curve & ~turns_back
-        keeps[keeps] = is_stable(select(equations, keeps))  # type: ignore[type-var]
-        return size, keeps, on_curve & ~keeps, turns_back, end, end_tangent
+        has_room = size > UNCHECKED_MOTION
+        on_curve = converged & ~(has_room & ~(gap <= MAX_SHARE_GAP * np.abs(length) * largest_slope))
+        turned = np.abs(length[:, None] * (end_tangent - tangent))[:, :-1].max(axis=1, initial=0.0)
+        correction = np.abs(change[:, :-1]).max(axis=1, initial=0.0)
+        ends = StepEnds(
+            rows=rows,
+            points=points,
+            tangent=self._scale_tangents(end_tangent, rows),
+            equations=equations,
+            size=size,
+            is_straight=is_straight(turned, correction, size),
+        )
+        return ends, on_curve, tangent[:, -1] * end_tangent[:, -1] < 0.0
+
+    def _gradients_of_length(self, tangent: Array, rows: IntArray) -> Array:
+        """Compute the gradients (R, k + 1) of the length along tangents in y and s, of unit length.
+
+        A change of s moves the other joints by `turn`, whose square is the weight of s. Without any motion s
+        itself is the length.
+        """
+        turn = self.turn[rows] / self.robot.column_scale
+        gradient = tangent.copy()
+        gradient[:, -1] *= dot(turn, turn)
+        gradient[~gradient.any(axis=1), -1] = 1.0
+        return gradient
+
+    def _scale_tangents(self, tangent: Array, rows: IntArray) -> Array:
+        """Scale tangents (R, k + 1) to unit length of the motion of all joints [rad, lengths]."""
+        length = np.sqrt(dot(tangent, self._gradients_of_length(tangent, rows)))
+        return tangent / length[:, None]
 
     def find_turning_points(self, q: Array, share: Array, rows: IntArray) -> TurningPoints:
         """Find the turning points of R curves ahead of configurations q (R, nq) at s = `share` (R,).
@@ -375,7 +412,7 @@ def _tangents_of_growing_share(equations: Equations) -> Array:
 
     Where y does not depend on s, y rests and s grows at the rate 1.
     """
-    tangent = np.ones(equations.slopes.shape[::2])  # (T, k + 1) d(y, s)/ds
+    tangent = np.ones((len(equations.values), equations.slopes.shape[2]))  # (T, k + 1) d(y, s)/ds
     tangent[:, :-1] = solve(equations.slopes[:, :, :-1], -equations.slopes[:, :, -1])
     length = np.linalg.norm(tangent[:, :-1], axis=1, keepdims=True)
     return tangent / np.where(length > 0.0, length, 1.0)
