@@ -173,17 +173,11 @@ class Request(PlanOptions):
         """Whether motor limits, a margin, a longest duration or a goal are stated."""
         if self.margin > 0 or self.optimize is not None or self.longest is not None:
             return True
-        limits = [self.torque_limit, self.speed_limit]
-        limits += [self.corner_speed, self.no_load_speed, self.rms_torque_limit]
-        stated = [limit for limit in limits if limit is not None]
-        return any(map(is_limited, stated))
+        return any(is_limited(getattr(self, name)) for name in MOTOR_LIMITS)
 
-    def _check_crossings(
-        self,
-        *,
-        max_paths: float = 1e6,  # largest s' at a crossing times the duration; feasible laws have a few
-    ) -> None:
+    def _check_crossings(self) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
+        max_paths = 1e6  # largest s' at a crossing times the duration; feasible laws have a few
         largest = np.inf if self.duration is None else max_paths / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
