@@ -173,7 +173,10 @@ class Request(PlanOptions):
         """Whether motor limits, a margin, a longest duration or a goal are stated."""
         if self.margin > 0 or self.optimize is not None or self.longest is not None:
             return True
-        return any(is_limited(getattr(self, name)) for name in MOTOR_LIMITS)
+        limits = [self.torque_limit, self.speed_limit]
+        limits += [self.corner_speed, self.no_load_speed, self.rms_torque_limit]
+        stated = [limit for limit in limits if limit is not None]
+        return any(map(is_limited, stated))
 
     def _check_crossings(self) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
