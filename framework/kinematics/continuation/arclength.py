@@ -36,6 +36,7 @@ from framework.tolerances import BRANCH_STEP_SHARE, NEWTON_STEP
 
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
+LOAD_STEP = 0.1  # [rad, lengths] largest motion of a joint in a step under load; deflections are smaller
 UNCHECKED_MOTION = 1e-7  # [rad, lengths] shorter steps are too short for a fold, and are not halved
 # Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
 # tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
