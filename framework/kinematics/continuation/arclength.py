@@ -153,8 +153,8 @@ class CurveReason(IntEnum):
 
     ARRIVED = 0  # at s = 1
     TURNED = 1  # s turns back, or stability is lost
-    LEFT = 2  # the curve leaves the region
-    STALLED = 3  # no equations hold a step further
+    LEFT = 2  # of the region in which curves are followed
+    STALLED = 3  # no step further is accepted, however short
 
 
 class StepEnds(NamedTuple, Generic[AnyEquations]):
@@ -256,7 +256,7 @@ class Curves(Generic[AnyEquations]):
                 rows = live[folding[ahead.found]]
                 assign(points, rows, CurvePoints(ahead.q[ahead.found], ahead.share[ahead.found]))
                 reason[rows] = CurveReason.TURNED
-            can_halve = ~(size <= UNCHECKED_MOTION)  # also for NaN
+            can_halve = size > UNCHECKED_MOTION  # not where there is no tangent
             live = live[(is_accepted | can_halve) & (reason[live] == CurveReason.STALLED)]
         return CurveEnds(*points, reason)
 
