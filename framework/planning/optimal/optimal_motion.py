@@ -48,9 +48,8 @@ def optimal_motion(task: Task) -> OptimalMotion:
             sought = _try_remedies(task, _count_drives(task, refusal.evidence))
             numbers = () if isinstance(refusal.proof, HoldingTorque) else sought.clauses
             advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
-            refusal.clauses = (*numbers, *advice)
-            refusal.evidence = sought
-        raise
+            refusal = refusal.with_changes(clauses=(*numbers, *advice), evidence=sought)
+        raise refusal from None
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)
     return motion
