@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.continuation.arclength import CurveReason, Curves, StepEnds
+from framework.kinematics.continuation.arclength import CurveReason, Curves, CurveSteps
 from framework.kinematics.frames import difference, frames_at, full_motion, integrate_columns
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import (
@@ -144,7 +144,7 @@ class _Progress(NamedTuple):
             robot, curves, first.bases.copy(), determinants, np.zeros(len(longest), dtype=bool), longest
         )
 
-    def accept(self, ends: StepEnds[MotorEquations]) -> tuple[BoolArray, BoolArray]:
+    def accept(self, ends: CurveSteps[MotorEquations]) -> tuple[BoolArray, BoolArray]:
         """Return which steps end on their branch, (R,), and store the state of their curves; all go on.
 
         On the branch det P keeps its sign. A step may be long, and its tangent turn, only where P is far from
