@@ -39,7 +39,7 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.rotations import whole_turns
 from framework.numerics.splines import banded_rows, find_intervals, spline_values
 from framework.proofs.working_modes import working_modes
-from framework.tolerances import MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
+from framework.tolerances import MAX_ACCELERATION_SPREAD, MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
 
 MIN_SAMPLES = 64  # of a recording
 
@@ -54,6 +54,7 @@ class MeasuredMotion:
     motion: Motion
     errors: SplineErrors  # of the signals from which the motion is computed, motors' joints or platform
     sign_known: BoolArray  # (T, n_a) whether the speed of a motor is above its noise
+    acceleration_known: BoolArray  # (T,) not at the ends, nor in a gap of the samples
     torque: Array  # (T, n_a) as recorded, motor side
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors; 0 if poses are from motors
 
@@ -76,11 +77,16 @@ class SmoothedSamples(NamedTuple):
     values: Array  # (3, T, k)
     cutoff: float  # [Hz]
     rate_error: Array  # (T, k) bounds of the first derivatives' errors
+    acceleration_known: BoolArray  # (T,)
     errors: SplineErrors
 
     def thin(self, stride: int) -> SmoothedSamples:
         """Return every `stride`-th sample, with the errors of all."""
-        return self._replace(values=self.values[:, ::stride], rate_error=self.rate_error[::stride])
+        return self._replace(
+            values=self.values[:, ::stride],
+            rate_error=self.rate_error[::stride],
+            acceleration_known=self.acceleration_known[::stride],
+        )
 
 
 def measured_motion(
@@ -144,6 +150,7 @@ def measured_motion(
         motion=motion,
         errors=smoothed.errors,
         sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
+        acceleration_known=smoothed.acceleration_known,
         torque=torque,
         motor_misfit=misfit,
     )
@@ -240,7 +247,7 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
     max_share = 0.3  # of coefficients among the samples
     growth = 1.25  # of the number of coefficients, from one trial to the next
     refinement = 1.6  # coefficients for derivatives, over those for the curve
-    noise_runs = 8  # simulated noise from which that of the rates is estimated
+    noise_runs = 8  # simulated noise from which that of the derivatives is estimated
     duration = times[-1] - times[0]
     most = max(int(max_share * len(times)), min_coefficients)
     if cutoff is None:
@@ -259,12 +266,13 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
 
     spline = _fit_spline(times, samples, count)
     values = np.array([spline(times, order) for order in range(3)])
-    # the noise of the samples, and by simulation that of the rates; what smoothing changes of the rates
+    # the noise of the samples, and by simulation that of the derivatives; what smoothing changes of the rates
     squares = np.sum((samples - values[0]) ** 2, axis=0)
     noise = np.sqrt(squares / (len(times) - count))  # (k,)
     unit_noise = np.random.default_rng(0).standard_normal((len(times), noise_runs))
-    rate_errors = _fit_spline(times, unit_noise, count)(times, 1)  # (T, noise_runs)
-    rate_spread = noise * np.sqrt(np.mean(rate_errors**2, axis=1, keepdims=True))  # (T, k)
+    noise_spline = _fit_spline(times, unit_noise, count)
+    spreads = [np.sqrt(np.mean(noise_spline(times, order) ** 2, axis=1)) for order in (1, 2)]  # (T,) each
+    rate_spread = spreads[0][:, None] * noise  # (T, k)
     coarser = _fit_spline(times, samples, max(min_coefficients, int(count / refinement)))
     intervals = find_intervals(spline.t, spline.k, times)  # (T,)
     columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
@@ -276,6 +284,7 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
         values=values,
         cutoff=0.5 * count / duration,
         rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(times, 1)),
+        acceleration_known=spreads[1] < MAX_ACCELERATION_SPREAD * np.median(spreads[1]),
         errors=SplineErrors(functions, curvatures, noise),
     )
 
