@@ -316,10 +316,10 @@ class _VariedRobots(NamedTuple):
 
         # readings less the planned ones
         offset = difference(robot, ref.motion.q[[k]], q)  # (R, nv)
-        S = sensors.joints.S
+        S = sensors.S
         at_plan = matvec(S, planned)  # (1, s)
-        reading = at_plan + matvec(S, offset) + matvec(sensors.joints.noisy, noise)
-        readings = [_round_to(reading, sensors.joints.step) - at_plan]
+        reading = at_plan + matvec(S, offset) + noise[:, sensors.columns]
+        readings = [_round_to(reading, sensors.step) - at_plan]
         state = None
         if platform is not None and sensors.see_platform:
             x, dx = platform
