@@ -36,6 +36,7 @@ from framework.tolerances import BRANCH_STEP_SHARE, NEWTON_STEP
 
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
+LOAD_STEP = 0.1  # [rad, lengths] largest motion of a joint in a step under load; deflections are smaller
 UNCHECKED_MOTION = 1e-7  # [rad, lengths] shorter steps are too short for a fold, and are not halved
 # Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
 # tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
@@ -152,8 +153,8 @@ class CurveReason(IntEnum):
 
     ARRIVED = 0  # at s = 1
     TURNED = 1  # s turns back, or stability is lost
-    LEFT = 2  # the curve leaves the region
-    STALLED = 3  # no equations hold a step further
+    LEFT = 2  # of the region in which curves are followed
+    STALLED = 3  # no step further is accepted, however short
 
 
 class StepEnds(NamedTuple, Generic[AnyEquations]):
@@ -255,7 +256,7 @@ class Curves(Generic[AnyEquations]):
                 rows = live[folding[ahead.found]]
                 assign(points, rows, CurvePoints(ahead.q[ahead.found], ahead.share[ahead.found]))
                 reason[rows] = CurveReason.TURNED
-            can_halve = ~(size <= UNCHECKED_MOTION)  # also for NaN
+            can_halve = size > UNCHECKED_MOTION  # not where there is no tangent
             live = live[(is_accepted | can_halve) & (reason[live] == CurveReason.STALLED)]
         return CurveEnds(*points, reason)
 
