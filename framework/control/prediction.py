@@ -125,11 +125,10 @@ class LinearModels(NamedTuple):
         platform = np.where(platform < MAX_DEVIATION, platform, np.inf)
         count = len(self.within)
         torque = deviation.torque[:count].max(axis=0)  # (K, n_a)
-        planned = np.abs(reference.torque)  # (K, n_a)
-        peak = planned.max(axis=0)
+        peak = reference.peak_torque
         lowest, highest = torque_range(reference, loop)
         limit = np.where(reference.torque < 0.0, -lowest, highest)
-        left = np.maximum(limit - planned, LEAST_ROOM * peak)
+        left = np.maximum(limit - np.abs(reference.torque), LEAST_ROOM * peak)
         is_kept = np.asarray(platform[count:] <= MAX_PREDICTED_SHARE * loop.tolerance)
         return LoopPrediction(
             controller=name,

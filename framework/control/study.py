@@ -183,14 +183,13 @@ def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
 
     `motors` is the number of motors, `chunk` has the numbers of the runs.
     """
-    runs = len(chunk)
+    runs = (len(chunk),)
     # types by their numpy kinds: f for floats, b for booleans, U for text
-    numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
-        "passed": ArrayField("b", (runs,)),
-        "why": ArrayField("U", (runs,)),
-        "peak_torque": ArrayField("f", (runs, motors)),
-        **numbers,
+        **dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", runs)),
+        "peak_torque": ArrayField("f", (*runs, motors)),
+        "passed": ArrayField("b", runs),
+        "why": ArrayField("U", runs),
     }
 
 
