@@ -83,6 +83,11 @@ class LoopSensors(NamedTuple):
     imu: bool
     state: bool  # the whole state is measured
 
+    @property
+    def see_platform(self) -> bool:
+        """Whether readings depend on the motion of the platform."""
+        return self.platform or self.imu or self.state
+
 
 def sensors_of(robot: ParallelRobot, loop: ControlLoop) -> LoopSensors:
     """Return the sensors that the loop names.

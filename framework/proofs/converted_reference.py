@@ -19,6 +19,8 @@ from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 
+MAX_MOTORS = 12  # each adds two directions to a search, and may double the number of modes
+
 
 def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     """Move a reference that the file does not state away from singularities; remark on other modes.
@@ -29,6 +31,10 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     description = parsed.description
     if parsed.stated is None:  # a robot file of ours
         return description, []
+    count = len(description.actuators)
+    if count > MAX_MOTORS:
+        remark = f"reference: for {count} motors neither singularities near it nor other modes are looked for"
+        return description, [remark]
     try:
         robot = ParallelRobot.from_description(description)
         require_square(robot)
@@ -58,23 +64,21 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
 
 def _other_modes(robot: ParallelRobot) -> list[str]:
     """Return a remark on the other poses of the reference's motors, with words that choose each."""
-    max_motors = 12  # the number of modes doubles with each leg
     motors = robot.actuated_coordinates(robot.reference.q[None])[0]
-    if len(motors) > max_motors:
-        return [f"mode: others, as robots of {len(motors)} motors have many, are not looked for"]
     try:
         found = assembly_modes(robot, motors).modes
     except FrameworkError:  # such as motors that do not determine the pose
         return []
     others = [mode.q for mode in found if _moves_apart(robot, mode.q)]
-    max_listed = 4
+    place = f"mode: {robot.place(robot.reference.x)}; the same motor positions close the loops otherwise, too"
+    max_listed, max_joints = 4, 8
+    if len(robot.joints) > max_joints:
+        values = " ".join(f"{value:.6g}" for value in motors)
+        listing = f"crossing pose FILE --motors {values} --all lists with a reference each"
+        return [f"{place}, in {len(others)} ways, which {listing}"] if others else []
     words = list(islice(filter(None, (_reference_option(robot, q) for q in others)), max_listed))
-    if not words:
-        return []
-    more = len(others) - len(words)
-    listed = "; or ".join(words) + (f"; and {more} more" if more else "")
-    place = robot.place(robot.reference.x)
-    return [f"mode: {place}; the same motor positions close the loops otherwise, too, with {listed}"]
+    more = f"; and {len(others) - len(words)} more" if len(others) > len(words) else ""
+    return [f"{place}, with {'; or '.join(words)}{more}"] if words else []
 
 
 def _moves_apart(robot: ParallelRobot, q: Array) -> bool:
@@ -88,7 +92,7 @@ def _reference_option(robot: ParallelRobot, q: Array) -> str:
 
     Joints have six digits.
     """
-    values = {name: float(f"{value:.6g}") + 0.0 for name, value in robot.reference_values(q).items()}
+    values = robot.printed_reference(q)
     try:
         posed = ParallelRobot.from_description(replace(robot.description, reference=values))
     except FrameworkError:

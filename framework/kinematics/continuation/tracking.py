@@ -22,6 +22,7 @@ from framework.errors import (
     point,
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
+from framework.kinematics.continuation.arclength import CurveEquations, Curves
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.path_sheet import (
     MIN_SHEET_PANEL,
@@ -30,15 +31,8 @@ from framework.kinematics.continuation.path_sheet import (
     judge_steps,
     with_tangents,
 )
-from framework.kinematics.continuation.predictor_corrector import (
-    BRANCH_GROWTH,
-    MAX_STEP_RATIO,
-    MIN_STEP_RATIO,
-    CurveEquations,
-    Curves,
-    limit_steps,
-)
-from framework.kinematics.frames import integrate, integrate_columns
+from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE
+from framework.kinematics.frames import integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
@@ -50,8 +44,8 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
-from framework.numerics.arrays import Array, ArrayLike
-from framework.tolerances import FILE_ROUNDING, MAX_TURNS, SAME_PLACE
+from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike, IntArray
+from framework.tolerances import BRANCH_CORRECTION, FILE_ROUNDING, MAX_TURNS, SAME_PLACE
 
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
@@ -180,20 +174,24 @@ def _follow_steps(
     robot: ParallelRobot, path: Path, pose: BranchPoses, *, to_the_end: bool
 ) -> list[BranchPoses]:
     """Follow the path from a pose (K = 1) in single steps; return this pose and all that follow."""
+    min_step, max_step = 1e-7, 1 / 4  # in s; if a shorter step is refused, the branch has ended
+    small_correction = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller one the step is doubled
     poses = [pose]
     step = MIN_SHEET_PANEL
     seeks_end = to_the_end  # once from each pose
     while pose.s[0] < 1.0:
-        step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
-        if step < MIN_STEP_RATIO:
+        speed = float(largest_motion(robot, pose.rate)[0])  # [rad, lengths] of a joint, over s
+        # tangents lead far away near a singularity; 0.99 leaves room for rounding
+        step = min(step, 1.0 - float(pose.s[0]), 0.99 * MAX_PREDICTOR_MOVE / max(speed, LEAST_DIVISOR))
+        if step < min_step:
             break
         following = _take_step(robot, path, pose, step)
         if following is not None:
             pose, correction = following
             poses.append(pose)
             seeks_end = to_the_end
-            if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
-                step = min(2.0 * step, MAX_STEP_RATIO)
+            if correction < small_correction and step < max_step:
+                step = min(2.0 * step, max_step)
             continue
         # refused: the branch ends ahead, or the step is too long
         end = _type1_end(robot, path, pose) if seeks_end else None
@@ -232,22 +230,24 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     sizes = equation_sizes(robot)  # (n + m,) by which the equations become dimensionless
     at_rest = np.zeros((1, robot.nv))  # no joint but the moving ones follows a prescribed motion
 
-    def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the n + m equations and their derivatives at q (T, nq) and s = `share` (T,)."""
+    def evaluate(q: Array, share: Array, _: IntArray) -> CurveEquations:
+        """Compute the n + m equations and their slopes at q (T, nq) and s = `share` (T,)."""
         share = np.clip(share, 0.0, 1.0)
         x = path(share)
         linearised = linearised_at(robot, q, x)
-        by_share = np.zeros_like(linearised.residual)
-        path_twist, _ = robot.platform.twist(x, path(share, 1))
-        by_share[:, : robot.n] = -path_twist  # F = [platform - x ; closures], of which x depends on s
-        matrix = type1_matrix(robot, linearised)
-        return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
+        slopes = np.zeros((*linearised.residual.shape, len(sizes) + 1))
+        slopes[:, :, :-1] = type1_matrix(robot, linearised)
+        path_twist, _derivative = robot.platform.twist(x, path(share, 1))
+        # F = [platform - x ; closures], of which x depends on s
+        slopes[:, : robot.n, -1] = -path_twist / sizes[: robot.n]
+        return CurveEquations(linearised.residual / sizes, slopes)
 
     curves = Curves(robot, columns=robot.moving, turn=at_rest, evaluate=evaluate)
-    ahead = curves.find_turning_points(pose.q, pose.s)
+    ahead = curves.find_turning_points(pose.q, pose.s, np.zeros(1, dtype=np.intp))
     if not ahead.found[0]:
         return None
-    return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it
+    # dq/ds is infinite: zero stands for it
+    return BranchPoses(ahead.share, linearised_at(robot, ahead.q, path(ahead.share)), at_rest)
 
 
 def _follow_to_end(robot: ParallelRobot, path: Path, pose: LinearisedLoops, subject: str) -> FollowedPath:

@@ -168,10 +168,11 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
             remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
             return partial.with_platform(platform, remark)
 
-    part = _advise_on_parts(partial)
     joint_platforms = list(_joint_platforms(motions, partial)) if by_joints else []
     for platform in joint_platforms:
         if _is_driven(partial.description, platform):
+            max_motors = 12  # with which it is worth the time to try parts of the robot
+            part = _advise_on_parts(partial) if len(partial.description.actuators) <= max_motors else ""
             alternative = f"; or {part.removesuffix(', ')}" if part else ""
             why = f"no body is moved by all of the motors{alternative}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
@@ -184,6 +185,7 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     holding = _choose_joints_to_hold(motions, idle, partial)
     holding = _select_helpful(partial, holding)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
+    part = _advise_on_parts(partial)
     remedies = f"{part}or {remedy}" if part else remedy
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(partial.description.motor_joints)} along "
@@ -202,16 +204,22 @@ def _choose_motors(motions: LoopMotions, partial: PartialRobot) -> PartialRobot:
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
         # joints whose rates determine the motions that move a mass or a motor: first those that the file
-        # suggests as motors, then those nearest to the base
+        # suggests as motors, or slides if there is one for each motion (as in the legs of a Stewart
+        # platform), then those nearest to the base
         by_depth = sorted(
             partial.tree.movable,
             key=lambda name: len(partial.tree.path_to_base(partial.tree.joints[name].child)),
         )
-        suggested = [name for name in partial.tree.likely_motors if name in by_depth]
+        in_loops = _loop_joint_names(partial)
+        likely, why = partial.tree.likely_motors, "nearest to the base"
+        slides = [name for name in partial.tree.movable if partial.tree.joints[name].kind == "prismatic"]
+        if not likely and len(slides) == motions.freedoms > 1 and in_loops.issuperset(slides):
+            likely, why = slides, "the slides"
+        suggested = [name for name in likely if name in by_depth]
         without_repetitions = dict.fromkeys([*suggested, *by_depth])
         motors = motions.choose_independent(motions.working, without_repetitions)
         actuators = tuple(map(Actuator, motors))
-        remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
+        remarks.append(f"motors: {', '.join(motors)} (proposed: {why})")
     elif partial.chooses_motors and len(actuators) > motions.freedoms:
         motors = _choose_best_motors(motions, partial)
         remarks.append(
@@ -344,6 +352,14 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them; name more motors"
     )
+    possible = motions.choose_independent(undriven, partial.tree.movable)  # joints that could have a motor
+    if missing := undriven.shape[1] - len(possible):
+        joints = partial.tree.joints.values()
+        free = [joint.name for joint in joints if joint.moves and len(joint.coordinates) > 1]
+        raise RobotFileError(
+            f"{message.removesuffix('; name more motors')}, and no hinge or slide tells {missing} of these; "
+            f"they need hinges or slides in the place of {', '.join(free)}"
+        )
     if not to_hold:
         raise RobotFileError(message)
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):

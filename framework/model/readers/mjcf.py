@@ -316,7 +316,9 @@ class _Model:
         children = [tree.joints[joint].child for joint in all_arms]  # links, whose turns may be equal
         products = {}
         if polynomial[2:].any() and len(second) <= MAX_TERMS:
-            products = {product: -value for product, value in _powers(second, polynomial.tolist()).items()}
+            products = {
+                product: -value for product, value in _expand_powers(second, polynomial.tolist()).items()
+            }
         if polynomial[2:].any() and (len(second) > MAX_TERMS or len(products) > MAX_TERMS):
             problem = f"powers of a length of {len(second)} joints; at most {MAX_TERMS} products are read"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
@@ -418,7 +420,13 @@ class _Model:
         """Report unread effects of joints, bodies, tendons and the fluid, with sizes."""
         model = self.compiled
         for joint in self.joints:
-            self._name_unread_effects_of_joint(joint)
+            view, where = joint.view, f"joint {joint.name!r}"
+            if not joint.has_one_freedom and view.stiffness[0]:
+                self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
+            for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+                if rows.any():
+                    powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
+                    self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 self.leave_out(f"body {body!r}: mocap, so it stands still", [body])
@@ -433,17 +441,6 @@ class _Model:
         if density or viscosity:
             fluid = f"density {density:g}, viscosity {viscosity:g}"
             self.leave_out(f"<option> {fluid}: the drag of the fluid", self.all_joints)
-
-    def _name_unread_effects_of_joint(self, joint: _Joint) -> None:
-        """Report the spring of a ball, and higher powers in damping and stiffness."""
-        view = joint.view
-        where = f"joint {joint.name!r}"
-        if not joint.has_one_freedom and view.stiffness[0]:
-            self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
-        for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
-            if rows.any():
-                powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
-                self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
 
     def _unread_effects_of_tendon(self, k: int) -> list[str]:
         """List the unread effects of tendon k: most of a spatial one, slack, ranges."""
@@ -461,22 +458,30 @@ class _Model:
         return effects
 
 
-def _powers(length: Mapping[str, float], coefficients: Sequence[float]) -> dict[Product, float]:
-    """Expand the sum of coefficient k times length^k, k >= 2, by products of joints' coordinates.
+def _expand_powers(arms: Mapping[str, float], coefficients: Sequence[float]) -> dict[Product, float]:
+    """Expand the sum over k >= 2 of c_k L^k by products of joint coordinates q_j.
 
-    `length` has the moment arm of each joint, `coefficients` begin with that of length^0.
+    L is the sum of arm_j q_j over the joints; c_0 and c_1, its constant and its linear part, are left out.
+
+    Args:
+        arms: arm_j of each joint.
+        coefficients: c_0, c_1, ...
+
+    Returns:
+        The coefficient of each product, which is the sorted tuple of its joints.
     """
     expanded = defaultdict[Product, float](float)
-    power: Polynomial = {(): 1.0}
+    power: Polynomial = {(): 1.0}  # L^k
     for k, coefficient in enumerate(coefficients):
+        if k > 0:
+            last = power
+            power = defaultdict[Product, float](float)
+            for product, factor in last.items():
+                for joint, arm in arms.items():
+                    power[tuple(sorted((*product, joint)))] += factor * arm
         for product, factor in power.items():
             if k > 1 and coefficient * factor:
                 expanded[product] += coefficient * factor
-        longer = defaultdict[Product, float](float)
-        for product, factor in power.items():
-            for joint, arm in length.items():
-                longer[tuple(sorted((*product, joint)))] += factor * arm
-        power = longer
     return dict(expanded)
 
 
