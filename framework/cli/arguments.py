@@ -272,8 +272,14 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
 
 def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
     """Return the rows of motion.csv by --samples or --rate, and --columns."""
+    period = row_period(options, plan)
+    return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)
+
+
+def row_period(options: Namespace, plan: CrossingPlan) -> float | None:
+    """Return the time [s] between rows by --rate; None for --samples rows."""
     if options.rate is None:
-        return plan.samples(options.samples or DEFAULT_ROWS, columns=options.columns)
+        return None
     if options.samples is not None:
         raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
             {"samples": None}
@@ -283,7 +289,7 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
         raise InvalidInput(
             f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
         )
-    return plan.samples(period=1.0 / options.rate, columns=options.columns)
+    return 1.0 / options.rate
 
 
 def refuse_options(options: Namespace, keys: Iterable[str], reason: str) -> None:
