@@ -22,6 +22,7 @@ from framework.laws.path import Line, Path
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
+from framework.model.robot_file import unused_parameters
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
@@ -98,7 +99,17 @@ def load_mechanism(options: Namespace) -> Mechanism:
             f"{mechanism.name} has no springs of its own for --flexibility {flexibility}: taken as "
             f"{mechanism.flexibility}"
         )
+    warn_of_unused(options, mechanism)
     return mechanism
+
+
+def warn_of_unused(options: Namespace, mechanism: Mechanism) -> None:
+    """Warn of parameters of the robot file whose values change nothing."""
+    options.warnings += [
+        f"{mechanism.name}: the parameter {name} is used nowhere; write ${{{name}}} where it counts, in the "
+        f"robot file or its URDF"
+        for name in unused_parameters(mechanism.description)
+    ]
 
 
 def parse_file(options: Namespace, *, propose: Propose) -> ParsedRobot:
