@@ -158,10 +158,10 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {list_names(names)})"
 
 
-def list_names(names: Sequence[str]) -> str:
-    """List at most `_LISTED` names for a message, and count the rest."""
-    listed = ", ".join(names[:_LISTED]) or "none"
-    return listed + (f", and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+def list_names(names: Sequence[str], most: int = 40) -> str:
+    """List at most so many names for a message, and count the rest."""
+    listed = ", ".join(names[:most]) or "none"
+    return listed + (f", and {len(names) - most} more" if len(names) > most else "")
 
 
 def check_choice(what: str, given: object, valid: Collection[str]) -> None:
@@ -191,7 +191,7 @@ def check_unique(where: str, names: Sequence[str]) -> None:
 
 _CUT = reprlib.Repr()  # cuts long values
 _CUT.maxstring = _CUT.maxother = 200
-_LISTED = 40  # names that a sentence lists
+_LISTED = 40  # numbers of an array that a message shows
 
 
 def nearest(given: str, names: Iterable[str]) -> list[str]:

@@ -716,12 +716,17 @@ Four standard deviations then reach the tolerance, and other weights would gain 
 """
 
 FILTER_NOISES = (1.0, 4.0, 16.0, 64.0)
-TORQUE_SHARES = (0.25, 1.0, 0.5, 0.125)
-"""Factors of the weights of lqg that are tried: on the noise in the filter's model, and on the torque share.
+"""Factors on the noise in the filter's model that are tried as weights of lqg.
 
-More noise makes the filter trust its sensors more than its springs, a smaller share makes the loop slower. On
-an upright 3-RRR only a noise of 16 and more keeps robots of all springs, on a Gough-Stewart platform only a
-share about 0.25; from one step to the next the least deviation changes by about a third.
+More noise makes the filter trust its sensors more than its springs. On an upright 3-RRR only a noise of 16
+and more keeps robots of all springs; from one step to the next the least deviation changes by about a third.
+"""
+
+TORQUE_SHARES = (0.25, 1.0, 0.5, 0.125)
+"""Factors on the torque share that are tried as weights of lqg.
+
+A smaller share makes the loop slower. On a Gough-Stewart platform only a share about 0.25 keeps robots of all
+springs; from one step to the next the least deviation changes by about a third.
 """
 
 LEAST_ROOM = 0.05

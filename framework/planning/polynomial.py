@@ -395,7 +395,7 @@ def _raise_degree(
         raised = search.find(request.speeds)
         if raised is None:
             continue
-        timing = _crossing_times(np.array([request.times, raised.speeds]))
+        timing = tuple(map(CrossingTime, request.times, raised.speeds.tolist()))
         law = _solve_law(crossings, timing, request, raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
             yield law, timing
@@ -424,13 +424,13 @@ def choose_timing(
     """
     if request.times is not None and request.speeds is not None:
         # nothing is open; `check_advance` judges the law
-        return _crossing_times(np.array([request.times, request.speeds]))
+        return tuple(map(CrossingTime, request.times, request.speeds))
     score_laws = partial(_score_laws, request.fixed_duration, measure)
     starts = _first_timings(s, request)  # (m, 2, k)
     scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
-        return _crossing_times(starts[comfortable[0]])
+        return tuple(map(CrossingTime, *starts[comfortable[0]].tolist()))
     if len(s) > MAX_CROSSINGS or not searched:
         raise NoLaw(
             f"the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
@@ -440,7 +440,7 @@ def choose_timing(
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
     best, score = _search_timings(starts[best_first], request, score_laws)
-    timing = _crossing_times(best)
+    timing = tuple(map(CrossingTime, *best.tolist()))
     if score <= 0:
         or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
         raise NoLaw(
@@ -477,11 +477,6 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     if request.speeds is not None:  # the user's speeds, too
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
-
-
-def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
-    """Convert times and speeds (2, k) to crossing times."""
-    return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
 def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:

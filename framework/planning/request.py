@@ -178,12 +178,9 @@ class Request(PlanOptions):
         stated = [limit for limit in limits if limit is not None]
         return any(map(is_limited, stated))
 
-    def _check_crossings(
-        self,
-        *,
-        max_paths: float = 1e6,  # largest s' at a crossing times the duration; feasible laws have a few
-    ) -> None:
+    def _check_crossings(self) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
+        max_paths = 1e6  # largest s' at a crossing times the duration; feasible laws have a few
         largest = np.inf if self.duration is None else max_paths / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
