@@ -19,6 +19,7 @@ GARBAGE_THRESHOLD = 20_000
 def main() -> int:
     """Run the command that this process was started for; returns the exit code."""
     gc.set_threshold(GARBAGE_THRESHOLD)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait in vain
     with interruptible():
         try:
             with defer_signals():  # compiled modules do not bear an exception while they are imported

@@ -12,6 +12,7 @@ from __future__ import annotations
 import copyreg
 import reprlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
 from typing import Any, Self, TypeVar, dataclass_transform
@@ -26,7 +27,8 @@ LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of larger numbers o
 class FrameworkError(Exception):
     """Base of all errors raised on purpose by this package; all can be pickled.
 
-    Its text is `name: message; clause; clause`. Nothing takes the text apart again.
+    Its text is `name: message; clause; clause`. Nothing takes the text apart again. An error does not change
+    once it is made: what a caller can add stands in a copy, which the caller raises in its place.
 
     `name`: the name of the robot or file that the message is about; empty where the message says it.
     `clauses`: what would help, what else was tried, what else is known; added where it is known.
@@ -52,25 +54,28 @@ class FrameworkError(Exception):
         """The message and its clauses."""
         return "; ".join([self.message, *self.clauses])
 
+    def with_changes(self, **attributes: Any) -> Self:
+        """Return a copy of the error, with its traceback and with other values of attributes."""
+        error = copy(self)
+        vars(error).update(attributes)
+        return error.with_traceback(self.__traceback__)
+
     def naming(self, name: str) -> Self:
         """Return the error with the name of a robot or file."""
-        self.name = name
-        return self
+        return self.with_changes(name=name)
 
     def adding(self, *clauses: str) -> Self:
         """Return the error with further clauses; empty ones are left out."""
-        self.clauses = (*self.clauses, *filter(None, clauses))
-        return self
+        return self.with_changes(clauses=(*self.clauses, *filter(None, clauses)))
 
     def advising(self, remedy: Mapping[str, Any] | None) -> Self:
         """Return the error with a remedy."""
-        self.remedy = remedy
         words = [
             f"without {name}" if value is None else f"{name}={value}"
             for name, value in (remedy or {}).items()
         ]
-        self.__notes__ = [f"try: {', '.join(words)}"] if words else []
-        return self
+        notes = [f"try: {', '.join(words)}"] if words else []
+        return self.with_changes(remedy=remedy, __notes__=notes)
 
     def __reduce__(self) -> tuple[Any, ...]:
         make = copyreg.__newobj__  # type: ignore[attr-defined]  # its stub leaves it out
@@ -119,7 +124,6 @@ class SingularReference(InvalidInput):
             f"{', such as ' * bool(shown)}{' or '.join(f'{{{angles}}}' for angles in shown)}"
         )
         self.rows, self.joints, self.poses = tuple(rows), tuple(joints), tuple(poses)
-        self.advising({"reference": poses[0]} if poses else None)
 
 
 class OutputError(InvalidInput):
@@ -154,10 +158,10 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {list_names(names)})"
 
 
-def list_names(names: Sequence[str]) -> str:
-    """List at most `_LISTED` names for a message, and count the rest."""
-    listed = ", ".join(names[:_LISTED]) or "none"
-    return listed + (f", and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+def list_names(names: Sequence[str], most: int = 40) -> str:
+    """List at most so many names for a message, and count the rest."""
+    listed = ", ".join(names[:most]) or "none"
+    return listed + (f", and {len(names) - most} more" if len(names) > most else "")
 
 
 def check_choice(what: str, given: object, valid: Collection[str]) -> None:
@@ -187,7 +191,7 @@ def check_unique(where: str, names: Sequence[str]) -> None:
 
 _CUT = reprlib.Repr()  # cuts long values
 _CUT.maxstring = _CUT.maxother = 200
-_LISTED = 40  # names that a sentence lists
+_LISTED = 40  # numbers of an array that a message shows
 
 
 def nearest(given: str, names: Iterable[str]) -> list[str]:

@@ -732,6 +732,24 @@ def test_what_nobody_planned_stays(tmp_path):
     assert (tmp_path / "report.html").read_text() == "mine"
 
 
+def test_values_of_a_repeated_option_are_joined():
+    words = ["plan", "five_bar", "--times", "1", "--times", "2", "3", "--duration", "4", "--duration", "5"]
+    options = parser_of(words).parse_args(words)
+    assert (options.times, options.duration) == ([1.0, 2.0, 3.0], 5.0)
+    words = [
+        "robustness",
+        "move",
+        "--controller",
+        "lqr",
+        "--sensors",
+        "motors",
+        "--controller",
+        "feedforward",
+    ]
+    options = parser_of(words).parse_args(words)
+    assert (options.controller, options.sensors) == (["lqr", "feedforward"], ["motors"])
+
+
 def test_parameters_may_stand_before_the_robot():
     options = parser_of(["check"]).parse_args(["check", "--set", "a=1", "b=2", "five_bar", "--json"])
     assert (options.robot, options.set, options.json) == ("five_bar", ["a=1", "b=2"], True)

@@ -134,33 +134,44 @@ def survey_window(
         shape=grid_shape(columns, survey_edge_poses),
         constants=point,
     )
-    survey, window = outermost, _reached_window(robot, outermost, outermost, keep_limits)
+    survey, poses = outermost, seed_poses(robot, outermost, stride=1)
+    window = _reached_window(robot, survey, poses, outermost, keep_limits)
     is_larger = True
     while is_larger and survey.shape[0] < max_survey_edge_poses:
         known = window
         survey = replace(survey, shape=grid_shape(columns, 2 * survey.shape[0] - 1))
-        window = _reached_window(robot, survey, outermost, keep_limits)
+        poses = seed_poses(robot, survey, stride=1, coarser=poses)
+        window = _reached_window(robot, survey, poses, outermost, keep_limits)
         is_larger = bool(np.any(window.lower < known.lower) or np.any(window.upper > known.upper))
-    # no longer cells than those that reached the poses
-    edge_poses = max(int(np.ceil(((window.upper - window.lower) / survey.cell).max())) + 1, survey_edge_poses)
-    fine = replace(window, shape=grid_shape(columns, edge_poses))
-    window = _reached_window(robot, fine, outermost, keep_limits)
+    if np.any(window.upper - window.lower < survey.upper - survey.lower):
+        # no longer cells than those that reached the poses
+        edge_poses = int(np.ceil(((window.upper - window.lower) / survey.cell).max())) + 1
+        fine = replace(window, shape=grid_shape(columns, max(edge_poses, survey_edge_poses)))
+        poses = seed_poses(robot, fine, stride=1)
+        window = _reached_window(robot, fine, poses, outermost, keep_limits)
     if only_turns and window.upper[0] - window.lower[0] > 2 * np.pi:
         window = replace(window, lower=middle - np.pi, upper=middle + np.pi)
     return replace(window, shape=grid_shape(columns, size))
 
 
-def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, keep_limits: bool) -> Window:
+def _reached_window(
+    robot: ParallelRobot,
+    survey: Window,
+    poses: tuple[Array, ReasonArray],
+    outermost: Window,
+    keep_limits: bool,
+) -> Window:
     """Return the window about the reached poses of a survey, with a margin.
 
     Args:
         survey: the window of the survey.
+        poses: all poses of the survey, q (I, J, nq) and reasons (I, J).
         outermost: the window to which the result is cut.
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
     """
     # [cells] beyond the outermost reached poses, for poses that the survey leaves out
     margin_cells = 2.0
-    q, reason = seed_poses(robot, survey, stride=1)  # all poses of the survey: (I, J, nq), (I, J)
+    q, reason = poses
     reached = reason == PoseReason.REACHED
     # a joint's share beyond its range is above 0 outside of the range
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
@@ -174,7 +185,13 @@ def _reached_window(robot: ParallelRobot, survey: Window, outermost: Window, kee
     return replace(survey, lower=cut_lower, upper=cut_upper)
 
 
-def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
+def seed_poses(
+    robot: ParallelRobot,
+    window: Window,
+    stride: int,
+    *,
+    coarser: tuple[Array, ReasonArray] | None = None,
+) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     The reason of a pose is REACHED, or why it is not reached. All other poses are NaN, with the reason
@@ -185,6 +202,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     Args:
         stride: distance between computed poses [rows or columns]; above 1 only if `stride` cells in a row are
             no longer than MAX_NEIGHBOUR_DISTANCE, so that no cell is subdivided.
+        coarser: configurations and reasons of every second pose; those reached are not computed again.
 
     Raises:
         InvalidInput: the window is too wide.
@@ -204,11 +222,18 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     q = np.full((rows, columns, robot.model.nq), np.nan)
     reason = np.full((rows, columns), PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
 
+    if coarser is not None:
+        other_q, other_reason = coarser
+        lattice = np.s_[:: 2 * subdivisions, :: 2 * subdivisions if window.shape[1] > 1 else 1]
+        q[lattice] = other_q
+        reason[lattice][other_reason == PoseReason.REACHED] = PoseReason.REACHED
+
     # the coarse poses, from those nearest to the reference
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     nearest = np.argsort(distance, axis=None, kind="stable")[:first_pose_tries]  # flat indices
     candidates = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
-    _assemble_seeds(robot, x, q, reason, candidates, enough=1)
+    if coarser is None:
+        _assemble_seeds(robot, x, q, reason, candidates, enough=1)
     fill_grid(robot, x, q, reason, [stride])
     # beside Type 1 no neighbour may be within a step, but another candidate within reach of the reference
     if _assemble_seeds(robot, x, q, reason, candidates, enough=first_pose_tries):

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.continuation.predictor_corrector import measure_steps
-from framework.kinematics.frames import difference, integrate
-from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.continuation.predictor_corrector import accept_steps, is_small
+from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.inverse_kinematics import close_in_place
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     count_lost_ranks,
@@ -80,14 +81,33 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, str
             one. With the last stride a step that cannot be trusted is divided into `STEP_PARTS`.
     """
     wanted = reason == PoseReason.NO_NEIGHBOUR
+    near = wanted.copy()  # (I, J) poses at which steps may begin or end
+    for stride in strides:
+        for direction in DIRECTIONS:
+            near[::stride, ::stride] |= _shift_mask(wanted[::stride, ::stride], *direction)
+    # the states of these poses, each computed once, by their numbers
+    numbers = np.cumsum(near).reshape(near.shape) - 1
+    of_reference = ModeStates.of(robot, linearised_at_reference(robot))
+    states = ModeStates(*(np.empty((near.sum(), *part.shape[1:])) for part in of_reference))
+    filled = near & np.isfinite(q[..., 0])
+    if filled.any():
+        assign(states, numbers[filled], ModeStates.of(robot, linearised_at(robot, q[filled])))
     for stride in strides:
         lattice = np.s_[::stride, ::stride]
         parts = STEP_PARTS if stride == strides[-1] else 1
-        _fill_lattice(robot, x[lattice], q[lattice], reason[lattice], wanted[lattice], parts)
+        grid = x[lattice], q[lattice], reason[lattice], wanted[lattice], numbers[lattice]
+        _fill_lattice(robot, *grid, states, parts)
 
 
 def _fill_lattice(
-    robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, wanted: BoolArray, parts: int
+    robot: ParallelRobot,
+    x: Array,
+    q: Array,
+    reason: ReasonArray,
+    wanted: BoolArray,
+    numbers: IntArray,
+    states: ModeStates,
+    parts: int,
 ) -> None:
     """Fill the wanted poses (I, J) of one lattice in waves, in place.
 
@@ -100,36 +120,32 @@ def _fill_lattice(
         q: (I, J, nq) configurations; NaN at poses that are not filled.
         reason: (I, J) `PoseReason` of each pose.
         wanted: (I, J) mask of the poses to fill.
+        numbers: (I, J) of the poses' states.
+        states: of the filled poses, to which those of new ends are added.
         parts: number of parts into which a step that is not trusted is divided.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)  # neighbours of each pose
-    # rows and columns (S, 2) of the poses at which steps may begin or end, and the number of each
-    is_near = np.any([wanted, *(_shift_mask(wanted, *direction) for direction in DIRECTIONS)], axis=0)
-    places = np.argwhere(is_near)
-    numbers = np.cumsum(is_near).reshape(is_near.shape) - 1
-    reference = ModeStates.of(robot, linearised_at_reference(robot))
-    states = ModeStates(*(np.empty((len(places), *part.shape[1:])) for part in reference))
-    has_state = np.zeros(len(places), dtype=bool)
     while True:
-        is_target, (i, j) = _choose_neighbours(np.isfinite(q[..., 0]), wanted, untried)
+        is_target, (i, j), between = _choose_neighbours(np.isfinite(q[..., 0]), wanted, untried)
         if not is_target.any():
             return
-        starts, targets = numbers[i, j], numbers[is_target]
-        new = np.unique(starts[~has_state[starts]])
-        if len(new):
-            assign(states, new, ModeStates.of(robot, linearised_at(robot, q[tuple(places[new].T)])))
-        # step from all of them at once
-        ends = _continue_states(robot, select(states, starts), x[i, j], x[is_target], parts)
+        # step from all neighbours at once
+        opposite_i, opposite_j = (2 * np.argwhere(is_target).T - (i, j))[:, between]
+        opposites = select(states, numbers[opposite_i, opposite_j])
+        ends = _continue_states(
+            *(robot, select(states, numbers[i, j]), x[i, j], x[is_target], parts),
+            between=between,
+            opposites=opposites,
+        )
         reached = ends.reason == PoseReason.REACHED
-        assign(states, targets[reached], select(ends.states, reached))
-        has_state[np.append(new, targets[reached])] = True
+        assign(states, numbers[is_target][reached], select(ends.states, reached))
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], ends.reason))
 
 
 def _choose_neighbours(
     filled: BoolArray, wanted: BoolArray, untried: BoolArray
-) -> tuple[BoolArray, IntArray]:
+) -> tuple[BoolArray, IntArray, IntArray]:
     """Choose an untried, filled neighbour for each wanted pose that is not filled.
 
     Args:
@@ -137,16 +153,18 @@ def _choose_neighbours(
         untried: (4, I, J) neighbours of each pose in DIRECTIONS; those chosen are removed, in place.
 
     Returns:
-        Mask (I, J) of these poses; rows and columns (2, poses) of their neighbours.
+        Mask (I, J) of these poses; rows and columns (2, poses) of their neighbours; which of the poses also
+        have a filled neighbour opposite to this one.
     """
-    is_target = np.zeros(filled.shape, dtype=bool)
+    is_target, is_between = np.zeros((2, *filled.shape), dtype=bool)
     sources = np.zeros((*filled.shape, 2), dtype=np.intp)  # row and column of the neighbour
     for k, (down, right) in enumerate(DIRECTIONS):
         chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
         untried[k] &= ~chosen
         is_target |= chosen
+        is_between |= chosen & _shift_mask(filled, -down, -right)
         sources[chosen] = np.argwhere(chosen) - (down, right)  # DIRECTIONS lead from neighbour to pose
-    return is_target, sources[is_target].T
+    return is_target, sources[is_target].T, np.flatnonzero(is_between[is_target])
 
 
 def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
@@ -165,10 +183,13 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 
 
 def _continue_states(
-    robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int
+    robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int, **opposites: Any
 ) -> StepEnds:
-    """Continue T configurations from `start` to `end` (T, n), as `step_poses`."""
-    ends = _step_once(robot, states, start, end)
+    """Continue T configurations from `start` to `end` (T, n), as `step_poses`.
+
+    The `opposites` of `_step_once` are for the undivided steps.
+    """
+    ends = _step_once(robot, states, start, end, **opposites)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):
         return ends
@@ -188,11 +209,23 @@ def _continue_states(
     return ends
 
 
-def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Array) -> StepEnds:
+def _step_once(
+    robot: ParallelRobot,
+    states: ModeStates,
+    start: Array,
+    end: Array,
+    *,
+    between: IntArray | None = None,
+    opposites: ModeStates | None = None,
+) -> StepEnds:
     """Continue T configurations from `start` to `end` (T, n) in one step.
 
-    A step that closes the loops is accepted by the rules of `_accept_steps`; otherwise its reason is
+    A step that closes the loops is accepted by the rules of `accept_steps`; otherwise its reason is
     OTHER_MODE, or OPEN if the loops do not close.
+
+    Args:
+        between: (k,) steps whose ends lie halfway between their starts and the `opposites`.
+        opposites: states of these k poses.
     """
     newton_steps = 10  # largest number that corrects a prediction
     # predict
@@ -204,54 +237,43 @@ def _step_once(robot: ParallelRobot, states: ModeStates, start: Array, end: Arra
     prediction = states.joint_rates(robot, start_twist)  # (T, nv) step along the tangent, springs at rest
     predicted = integrate(robot, states.q, prediction)
 
+    # between two poses the cubic polynomial through both, along their tangents, is nearer than the tangent
+    guess = predicted.copy()
+    if between is not None and opposites is not None and len(between):
+        half_step = end[between] - start[between]
+        opposite_twist, _ = robot.platform.twist(end[between] + half_step, half_step)
+        half = 0.5 * difference(robot, states.q[between], opposites.q)  # (k, nv) along the chord
+        bend = 0.25 * (prediction[between] - opposites.joint_rates(robot, opposite_twist))
+        middle = integrate(robot, integrate(robot, states.q[between], half), bend)  # balls: symmetric
+        offset = largest_motion(robot, difference(robot, predicted[between], middle))
+        is_near = is_small(offset, largest_motion(robot, prediction[between]))  # both on one branch
+        guess[between[is_near]] = middle[is_near]
+
     # correct, and judge the steps that close
-    corrected, end_linearised, closed = close_each(
-        robot, end, predicted, iterations=newton_steps, farthest=MAX_NEWTON_STEP
-    )
-    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    closed_steps = np.flatnonzero(closed)  # those not accepted below keep OTHER_MODE
-    closed_loops = end_linearised.select(closed_steps)
-    closed_states = ModeStates.of(robot, closed_loops)
-    accepted = _accept_steps(
-        robot,
-        select(states, closed_steps),
-        closed_states,
-        closed_loops,
-        prediction[closed_steps],
-        closed_states.joint_rates(robot, end_twist[closed_steps]),
-        difference(robot, predicted[closed_steps], corrected[closed_steps]),
-    )
-    reason[closed_steps[accepted]] = PoseReason.REACHED
+    reason = np.full(len(start), PoseReason.OPEN, dtype=np.uint8)
     ends = select(states, np.arange(len(start)))  # a copy, of which the starts stay where no loop closes
-    assign(ends, closed_steps, closed_states)
+    corrected = guess
+    for closed, loops, _ in close_in_place(
+        robot, end, corrected, iterations=newton_steps, farthest=MAX_NEWTON_STEP
+    ):
+        # the loops before a last step of rounding serve for its end
+        closed_states = ModeStates.of(robot, loops)._replace(q=corrected[closed])
+        accepted, _correction = accept_steps(
+            robot,
+            difference(robot, predicted[closed], corrected[closed]),
+            prediction[closed],
+            closed_states.joint_rates(robot, end_twist[closed]),
+            keeps_mode=share_working_mode(robot, select(states, closed), closed_states),
+            are_apart=partial(_are_apart, robot, loops),
+        )
+        reason[closed] = np.where(accepted, PoseReason.REACHED, PoseReason.OTHER_MODE)
+        assign(ends, closed, closed_states)
     return StepEnds(ends, reason)
 
 
-def _accept_steps(
-    robot: ParallelRobot,
-    starts: ModeStates,
-    ends: ModeStates,
-    end_loops: LinearisedLoops,
-    prediction: Array,
-    end_step: Array,
-    correction: Array,
-) -> BoolArray:
-    """Return a mask (k,) of the steps that keep working mode and branch.
+def _are_apart(robot: ParallelRobot, loops: LinearisedLoops, poses: IntArray) -> BoolArray:
+    """Return at which poses, indices (k,) of `loops`, no branches cross: the loops keep their rank.
 
-    An accepted step has a small correction, and both ends are in one working mode. Its tangent turns little
-    from start to end, or else no other branch crosses at the end, to which the step could have jumped.
-
-    Args:
-        starts, ends: of k steps.
-        end_loops: linearised loops at the ends.
-        prediction, end_step: (k, nv) the joints' steps along the tangents at the starts and at the ends.
-        correction: (k, nv) offsets from the predicted to the closed configurations.
+    Singular values below BRANCHES_CROSS count as lost.
     """
-    measure = measure_steps(robot, correction, prediction, end_step)
-    # `small`: the correction is small; `straight`: the tangent turns little
-    accepted = measure.small & share_working_mode(robot, starts, ends)
-
-    # branches cross where the loops lose rank; singular values below BRANCHES_CROSS count as lost
-    turned = np.flatnonzero(accepted & ~measure.straight)  # steps whose tangent turns much
-    accepted[turned] = count_lost_ranks(robot, end_loops.select(turned), BRANCHES_CROSS) == 0
-    return accepted
+    return count_lost_ranks(robot, loops.select(poses), BRANCHES_CROSS) == 0

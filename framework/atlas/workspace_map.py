@@ -42,7 +42,7 @@ from framework.errors import InvalidInput, LimitsExceeded, point
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
-from framework.kinematics.modes import mode_signs, passive_determinants
+from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.lazy_names import notebook_picture
@@ -310,7 +310,7 @@ def _evaluate_poses(
         linearised = linearised_at(robot, q[reached])
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             arrays[key][reached] = values
-        arrays["assembly"][reached], _ = passive_determinants(linearised)  # their signs
+        arrays["assembly"][reached] = np.sign(arrays["g"][reached])  # g has the sign of det P
     return arrays
 
 

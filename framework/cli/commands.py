@@ -222,6 +222,16 @@ class _Help(argparse.HelpFormatter):
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
+class _Values(argparse._StoreAction):
+    """Store the values of an option; of one that takes several, those of all places where it stands."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        earlier = getattr(namespace, self.dest)
+        if self.nargs in ("+", "*") and earlier is not self.default:
+            values = [*earlier, *values]
+        super().__call__(parser, namespace, values, option_string)
+
+
 class OneLineParser(argparse.ArgumentParser):
     """A parser with grouped options, errors in one line, negative numbers with exponents."""
 
@@ -230,6 +240,7 @@ class OneLineParser(argparse.ArgumentParser):
         self.examples = tuple(examples)
         epilog = "\n  ".join(["examples:", *self.examples])
         super().__init__(allow_abbrev=False, epilog=epilog, formatter_class=_Help, **settings)
+        self.register("action", None, _Values)
         self._optionals.title = "output"  # of options without a topic, such as --out and --json
         # argparse takes -1e-3 and -1m for options; no option of ours begins like a number
         self._negative_number_matcher = re.compile(r"^-\.?\d")

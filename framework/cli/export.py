@@ -22,15 +22,8 @@ from framework.cli.parser import (
     add_rows,
     integer_between,
 )
-from framework.control import (
-    ControlLoop,
-    Spread,
-    TableController,
-    controller_table,
-    predict,
-    reference_of,
-    tuned_controller,
-)
+from framework.control import ControlLoop, Spread, TableController, Tuning, controller_table, reference_of
+from framework.control.prediction import LinearModels
 from framework.errors import InvalidInput, NoAnswer
 from framework.files.mjcf import START, mjcf_text, ranges_left_out
 from framework.files.trajectory_file import (
@@ -165,7 +158,7 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
         sensors=" ".join(sensors), delay=options.known_delay or 0.0, counts=8192, link_counts=2**18
     )
     spread = Spread(payload=0.1, stiffness=0.2 if plan.robot.n_e else 0.0, friction=0.05)
-    controller = tuned_controller("lqg", reference, loop=loop, spread=spread)
+    controller, prediction = LinearModels.of(reference, spread, Tuning()).tune_lqg(loop)
     table, description = controller_table(controller, sensors)
     program = file.with_name(f"{file.stem}_run.py")
     texts = {
@@ -173,12 +166,11 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
         file.with_suffix(".json"): json_text(description),
         program: FilePath(inspect.getfile(TableController)).read_text(encoding="utf-8"),
     }
-    prediction = predict("lqg", controller, loop, spread)
-    lines = ["lqg as a table", f"described in {file.with_suffix('.json').name}, run by {program.name}"]
-    if prediction is not None:
-        lines.append(
-            f"predicted standard deviation of the platform: {prediction.platform:.2g} robot lengths or rad"
-        )
+    lines = [
+        "lqg as a table",
+        f"described in {file.with_suffix('.json').name}, run by {program.name}",
+        f"predicted standard deviation of the platform: {prediction.platform:.2g} robot lengths or rad",
+    ]
     return plan.robot, texts, lines
 
 

@@ -292,16 +292,16 @@ def identification_lines(identification: Identification, *, everything: bool = F
         lead = "" if np.isinf(prediction.lead) else f"{prediction.lead:.1f}"
         lines.append("  " + "\t".join([prediction.model, *errors, lead]))
 
-    shown = [quantity for quantity in identification.quantities if everything or quantity.determined]
+    shown = [quantity for quantity in identification.quantities if everything or quantity.shown]
     if shown:
         lines.append("  quantity\tvalue\tdeviation\tfile\tunit")
     for quantity in shown:
-        unit = quantity.unit if quantity.determined else f"{quantity.unit}, not shown by these data"
-        lines.append(QUANTITY.format(quantity, unit))
+        remark = ", if other values of the file are right" if quantity.shown else ", not shown by these data"
+        lines.append(QUANTITY.format(quantity, quantity.unit + remark * (not quantity.determined)))
     hidden = len(identification.quantities) - len(shown)
     if hidden:
         lines.append(f"  not shown         by these data: {hidden} more quantities, see --all")
-    others = [quantity for quantity in identification.quantities if not quantity.determined]
+    others = [quantity for quantity in identification.quantities if not quantity.shown]
     showable = [quantity.name for quantity in others if quantity.alone]
     if showable:
         more = " .." * (len(showable) > MAX_LISTED)
@@ -312,7 +312,9 @@ def identification_lines(identification: Identification, *, everything: bool = F
         lines.append("  other motions     show none of these alone, only sums of parameters, see --all")
     if everything:
         lines.append("  base parameter\tvalue\tdeviation\tfile")
-        unseen = ["not shown by these data" * (name in identification.undetermined) for name in base.names]
+        unseen = [
+            "not determined by these data" * (name in identification.undetermined) for name in base.names
+        ]
         columns = (identification.values, identification.deviations, base.values, unseen)
         rows = zip(base.names, *columns, strict=True)
         lines += ["  {}\t{:.6g}\t{:.2g}\t{:.6g}\t{}".format(*row) for row in rows]
@@ -421,7 +423,7 @@ def excitation_lines(excitation: Excitation) -> list[str]:
         f"\t{f'{digits(quantity):.1f}' if quantity.file else '-'}\t{quantity.unit}"
         for quantity in shown
     ]
-    hidden = [quantity.name for quantity in quantities if not quantity.determined]
+    hidden = [quantity.name for quantity in quantities if not quantity.shown]
     if hidden:
         lines.append(
             f"  not shown         {', '.join(hidden[:MAX_LISTED])}{' ..' * (len(hidden) > MAX_LISTED)}"

@@ -39,7 +39,6 @@ def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a r
     parser.topic(MODEL).add_argument(
         "--set",
         nargs="+",
-        action="extend",
         metavar="NAME=VALUE",
         help="values in place of the first ones of the robot file's parameters",
     )

@@ -266,17 +266,15 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
     except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
         impossible = addition = _explain_failure(robot, options)
         if point is not None:
-            q, sentence, failure.nearest = _find_nearest(robot, point)
-            if not failure.nearest["stops"]:
+            q, addition, nearest = _find_nearest(robot, point)
+            if not nearest["stops"]:
                 options.warnings.append(
                     "no straight path from the reference leads there, but another one does"
                 )
                 return q
-            addition = sentence
-        failure.adding(addition)
-        if advise_all and not impossible and _has_pose(robot, motor_joints, point):
-            raise failure.advising({"all": True}) from None
-        raise failure.advising(None) from None
+            failure = failure.with_changes(nearest=nearest)
+        has_pose = advise_all and not impossible and _has_pose(robot, motor_joints, point)
+        raise failure.adding(addition).advising({"all": True} if has_pose else None) from None
     return closed.q
 
 

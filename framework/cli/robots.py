@@ -23,7 +23,15 @@ from framework.cli.parser import (
     add_robot,
     not_empty,
 )
-from framework.errors import FrameworkError, InvalidInput, MissingPackage, NotAssembled, check_choice, point
+from framework.errors import (
+    FrameworkError,
+    InvalidInput,
+    MissingPackage,
+    NotAssembled,
+    check_choice,
+    list_names,
+    point,
+)
 from framework.kinematics.diagnostics.diagnosis import Diagnosis, check_robot, reference_in_words
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -208,7 +216,7 @@ def run_convert(options: Namespace) -> Report:
     loops = [closure.name for closure in description.closures]
     loops += [coupling.name for coupling in description.couplings]
     lines = [
-        f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {', '.join(loops)}",
+        f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {list_names(loops)}",
         *(f"  {remark}" for remark in remarks),
         f"  written to        {written}",
         f"  next              crossing check {written}",

@@ -403,7 +403,7 @@ def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
 
 HEAD = """\
 {robot}: {runs} runs a controller, seed {seed}; errors in robot lengths of {length:.4g} m or rad, \
-{tolerance:.4g} of them passes; torques in N m{binding}
+{tolerance:.4g} of them ({tolerance_mm:.3g} mm) passes; torques in N m{binding}
   controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
@@ -416,7 +416,9 @@ def _format_studies(document: Document) -> list[str]:
     """Return the table of studies in text, with the first failures of each."""
     exceeded = [f"{joint} {peak:.4g} of {limit:.4g}" for joint, (peak, limit) in document["exceeded"].items()]
     binding = f"; the plan itself exceeds the limits: {', '.join(exceeded)}" if exceeded else ""
-    lines = [HEAD.format_map(document | {"binding": binding}), *map(ROW.format_map, document["studies"])]
+    millimetres = 1e3 * document["length"] * document["tolerance"]
+    head = HEAD.format_map(document | {"binding": binding, "tolerance_mm": millimetres})
+    lines = [head, *map(ROW.format_map, document["studies"])]
     if document["predicted"]:
         predictions = [LoopPrediction(**one) for one in document["predicted"]]
         lines.append(PREDICTED.format(_list_predictions(predictions)))
@@ -448,7 +450,9 @@ def _write_studies(setup: StudySetup, studies: list[Study], document: Document, 
                 [study.controller, study.seed, k, int(passed), *numbers[k].tolist(), study.why[k]]
                 for k, passed in enumerate(study.passed)
             )
-    save_figure(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
+    save_figure(
+        lambda: plot_robustness(studies, loop=setup.loop, length=document["length"]), folder / "robustness"
+    )
 
 
 # keys of robustness.json that --replay reads

@@ -127,12 +127,15 @@ def run_closed_loop(
     # torques (K, R, n_a) that the controller commands, and those of the motors, which follow with a delay
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start  # (R, nq), (R, nv)
-    last_dx = None  # (R, n) rates of the platform at the last instant
+    last_platform = None  # its motion at the last instant
     for k in range(last + 1):
-        measured, true_x, last_dx = robots.measure(k, q, v, last_dx)
-        if k % PERIODS_PER_CHECK == 0 or k == last:
+        is_check = k % PERIODS_PER_CHECK == 0 or k == last
+        platform = robots.platform_motion(k, q, v) if is_check or robots.sensors.see_platform else None
+        measured = robots.measure(k, q, v, platform, last_platform)
+        last_platform = platform
+        if is_check and platform is not None:
             report_progress(k / last)
-            x.append(true_x)
+            x.append(platform.x)
             is_near = _deviation(ref, x[-1], ref.x[k]) < MAX_DEVIATION  # false for NaN
             lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
@@ -209,6 +212,13 @@ def _judge(
     )
 
 
+class PlatformMotion(NamedTuple):
+    """The motion of the platforms of R runs at one instant."""
+
+    x: Array  # (R, n) [m, rad]
+    dx: Array  # (R, n) [m/s, rad/s]
+
+
 class _VariedRobots(NamedTuple):
     """R varied robots with encoders, delays, motor friction and external wrenches."""
 
@@ -274,18 +284,25 @@ class _VariedRobots(NamedTuple):
             *(smoothing_speed, noise),
         )
 
-    def measure(self, k: int, q: Array, v: Array, last_dx: Array | None) -> tuple[Measurement, Array, Array]:
-        """Read the sensors at instant k, with their noise and steps.
+    def platform_motion(self, k: int, q: Array, v: Array) -> PlatformMotion:
+        """Compute coordinates of the platforms and their rates at instant k, angles near the planned ones."""
+        ref = self.reference
+        coordinates, twist = self.stepper.platform(q, v)
+        x = ref.robot.platform.unwrap(coordinates, ref.x[k])
+        return PlatformMotion(x, solve(ref.robot.platform.rate_matrix(x), twist))
 
-        Return also the true coordinates of the platform, angles near the planned ones, and their rates.
+    def measure(
+        self, k: int, q: Array, v: Array, platform: PlatformMotion | None, last: PlatformMotion | None
+    ) -> Measurement:
+        """Read the sensors at instant k, with their noise and steps.
 
         The noise of the joints becomes noise of the platform by dx/dq, the pseudo-inverse of the planned N =
         dq/dx.
 
         Args:
             q, v: configurations (R, nq) and joint rates (R, nv).
-            last_dx: rates (R, n) of the platform at the last instant, from which accelerations follow; None
-                at first.
+            platform: the true motion of the platforms; None if no sensor sees them.
+            last: the same at the last instant, from which accelerations follow; None at first.
         """
         ref, sensors = self.reference, self.sensors
         robot = ref.robot
@@ -297,28 +314,26 @@ class _VariedRobots(NamedTuple):
         angle = robot.gear_ratio * _round_to(position, self.motor_step)
         speed = robot.gear_ratio * rates[:, motors]
 
-        coordinates, twist = self.stepper.platform(q, v)
-        true_x = robot.platform.unwrap(coordinates, ref.x[k])
-        true_dx = solve(robot.platform.rate_matrix(true_x), twist)
-        x, dx = true_x, true_dx
-        if self.noise is not None:
-            dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
-            x, dx = x + matvec(dx_dq, noise), dx + matvec(dx_dq, rate_noise)
-        state = RobotState(integrate(robot, q, noise), rates, x, dx) if sensors.state else None
-
         # readings less the planned ones
         offset = difference(robot, ref.motion.q[[k]], q)  # (R, nv)
-        S = sensors.joints.S
+        S = sensors.S
         at_plan = matvec(S, planned)  # (1, s)
-        reading = at_plan + matvec(S, offset) + matvec(sensors.joints.noisy, noise)
-        readings = [_round_to(reading, sensors.joints.step) - at_plan]
-        if sensors.platform:
-            readings.append(x - ref.x[k])
-        if sensors.imu:
-            before = true_dx if last_dx is None else last_dx
-            change = true_dx - before - (ref.dx[k] - ref.dx[max(k - 1, 0)])
-            readings.append(change / ref.period)
-        return Measurement(angle, speed, state, np.concatenate(readings, axis=1)), true_x, true_dx
+        reading = at_plan + matvec(S, offset) + noise[:, sensors.columns]
+        readings = [_round_to(reading, sensors.step) - at_plan]
+        state = None
+        if platform is not None and sensors.see_platform:
+            x, dx = platform
+            if self.noise is not None:
+                dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
+                x, dx = x + matvec(dx_dq, noise), dx + matvec(dx_dq, rate_noise)
+            if sensors.state:
+                state = RobotState(integrate(robot, q, noise), rates, x, dx)
+            if sensors.platform:
+                readings.append(x - ref.x[k])
+            if sensors.imu:
+                change = platform.dx - (last or platform).dx - (ref.dx[k] - ref.dx[max(k - 1, 0)])
+                readings.append(change / ref.period)
+        return Measurement(angle, speed, state, np.concatenate(readings, axis=1))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
         """Compute the states one period after instant k under motor torques `torque` (R, n_a) [N m].

@@ -294,9 +294,10 @@ class ControlCycle:
         change += self._step
 
         # judge the step along the last tangent by the largest motion of a joint [rad, robot lengths]
-        motions = np.array([change, tangent_step, self.T @ motor_step])
-        motions[::2] -= tangent_step
-        corrected, predicted, tangent_change = np.abs(motions / self.robot.column_scale).max(axis=1).tolist()
+        correction = change - tangent_step  # (nv,)
+        turn = self.T @ motor_step - tangent_step  # (nv,) of the tangent, along the step
+        sizes = np.abs(np.array([correction, tangent_step, turn]) / self.robot.column_scale)  # (3, nv)
+        corrected, predicted, tangent_change = sizes.max(axis=1).tolist()
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)

@@ -228,7 +228,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     deviations = [
         closed_loop_deviation(
             plant,
-            Feedback(gain, periods, None, predicts=False),
+            Feedback(gain, periods),
             start,
             robots=[plant] * len(bandwidths),
         ).z[:, :, : robot.n]

@@ -48,16 +48,15 @@ class Observer(NamedTuple):
     """A filter of s readings."""
 
     gain: Array  # (K, N, s)
-    deviation: Array  # (s,) standard deviations of the noise of the readings
+    noise: Array  # (s,) standard deviations of the readings
 
 
 class Feedback(NamedTuple):
-    """The torque -gain z of a known delay, from an estimate of z or, without observer, from z itself."""
+    """The torque -gain z: of z as observed and predicted through a known delay, or of z itself, late."""
 
     gain: Array  # (K, n_a, N), or (K, R, n_a, N) of R robots each with a gain of its own
     delay: int  # [periods]
-    observer: Observer | None
-    predicts: bool  # whether z is predicted through the delay
+    observer: Observer | None = None
 
 
 class Deviation(NamedTuple):
@@ -73,7 +72,6 @@ def closed_loop_deviation(
     start: Array,
     *,
     robots: Sequence[Plant] | None = None,
-    noise: bool = True,
 ) -> Deviation:
     """Compute the standard deviations of z and of the torques in the closed loop.
 
@@ -82,7 +80,6 @@ def closed_loop_deviation(
         feedback: torques by z.
         start: standard deviations (N,) of z at the start.
         robots: the R robots; by default the model alone.
-        noise: whether readings have noise.
     """
     plants = (model,) if robots is None else robots
     count, N, n_a = model.G.shape
@@ -90,7 +87,7 @@ def closed_loop_deviation(
     random = np.random.default_rng(NOISE_SEED)
     spread = np.diag(start)[:, start > 0]
     starts = spread.shape[1]
-    samples = NOISE_SAMPLES if noise and observer is not None else 0
+    samples = 0 if observer is None else NOISE_SAMPLES
     columns = starts + samples
     state = np.zeros((len(plants), N, columns))  # z
     state[:, :, :starts] = spread
@@ -109,13 +106,13 @@ def closed_loop_deviation(
         estimate = state
         if observer is not None:
             innovation = C @ state - model.C[k] @ predicted + (D - model.D[k]) @ acting
-            drawn = random.standard_normal((len(observer.deviation), samples))
-            innovation[..., starts:] += observer.deviation[:, None] * drawn
+            drawn = random.standard_normal((len(observer.noise), samples))
+            innovation[..., starts:] += observer.noise[:, None] * drawn
             estimate = predicted + observer.gain[k] @ innovation
         # through the torques under way to the period in which the command acts
         target = min(k + delay, count - 1)
         ahead = estimate
-        for j in range(k, target if feedback.predicts else k):
+        for j in range(k, k if observer is None else target):
             ahead = model.F[j] @ ahead + model.G[j] @ (sent[j - delay] if j >= delay else none)
         command = -feedback.gain[target] @ ahead
         with np.errstate(over="ignore"):  # of a loop that diverges

@@ -17,8 +17,8 @@ import numpy as np
 
 from framework.control.closed_loop import MAX_DEVIATION, torque_range
 from framework.control.controllers import Controller, FeedforwardPD, motor_gains
-from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
-from framework.control.linear_model import LinearModel, linearise_plan, linearise_variants
+from framework.control.deviation import Feedback, Plant, closed_loop_deviation
+from framework.control.linear_model import LinearModel, linearise_variants
 from framework.control.reference import Reference
 from framework.control.regulators import (
     UNIFORM,
@@ -26,8 +26,8 @@ from framework.control.regulators import (
     Tuning,
     Weights,
     disturbances_of,
+    plant_with_readings,
     prior_deviations,
-    reading_rows,
     regulator_gains,
     tune_lqg,
 )
@@ -35,7 +35,7 @@ from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread
 from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
-from framework.tolerances import CAUTIONS, LEAST_ROOM, MAX_PREDICTED_SHARE
+from framework.tolerances import FILTER_NOISES, GOOD_EXCESS, LEAST_ROOM, MAX_PREDICTED_SHARE, TORQUE_SHARES
 
 # sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
@@ -59,9 +59,13 @@ class LoopPrediction:
     load: float  # the same over what the torque limit leaves at that instant; above 1 torques are cut
     ends: float = 1.0  # share of the robots with springs at the ends of the spread that keep the tolerance
 
+    def excess(self, tolerance: float) -> float:
+        """Return the platform's deviation over the allowed share of a tolerance, or the load if larger."""
+        return max(self.platform / (MAX_PREDICTED_SHARE * tolerance), self.load)
+
     def is_within(self, tolerance: float) -> bool:
         """Return whether runs are expected to keep a tolerance [robot lengths, rad] and the torque limits."""
-        return self.platform <= MAX_PREDICTED_SHARE * tolerance and self.load <= 1
+        return self.excess(tolerance) <= 1
 
 
 class LinearModels(NamedTuple):
@@ -88,13 +92,13 @@ class LinearModels(NamedTuple):
         """
         robot, size = reference.robot, spread.stiffness
         kinds = tuple(dict.fromkeys([*disturbances_of(spread), *(tuning.estimates or ())]))
-        if not (robot.n_e and size):
-            return LinearModels(reference, spread, tuning, [linearise_plan(reference, kinds)], [], {}, {})
-        springs = np.arange(robot.n_e)
-        other, half = np.where(springs % 2, 1, -1), np.where(springs < robot.n_e / 2, 1, -1)
         every = np.ones(robot.n_e)
-        signs = [k * pattern for pattern in (UNIFORM * every, every, other, half) for k in (-1, 1)]
-        factors = [every, *(1 + size * sign for sign in signs)]
+        factors = [every]
+        if robot.n_e and size:
+            springs = np.arange(robot.n_e)
+            other, half = np.where(springs % 2, 1, -1), np.where(springs < robot.n_e / 2, 1, -1)
+            patterns = (UNIFORM * every, every, other, half)
+            factors += [1 + sign * size * pattern for pattern in patterns for sign in (-1, 1)]
         models = linearise_variants(reference, kinds, [factor * robot.stiffness for factor in factors])
         return LinearModels(reference, spread, tuning, models[:3], models[3:], {}, {})
 
@@ -113,35 +117,27 @@ class LinearModels(NamedTuple):
         if closed is None:
             return None
         feedback, plants = closed
-        count = len(self.within)
-        platform, torque, load = self._largest(loop, feedback, plants[0], plants[:count], noise=True)
-        prediction = LoopPrediction(name, loop.sensors, *(float(x.max()) for x in (platform, torque, load)))
-        if not self.ends:
-            return prediction
-        if not prediction.is_within(loop.tolerance):
-            return replace(prediction, ends=0.0)
-        platform, _torque, load = self._largest(loop, feedback, plants[0], plants[count:], noise=False)
-        is_kept = (platform <= MAX_PREDICTED_SHARE * loop.tolerance) & (load <= 1)
-        return replace(prediction, ends=float(is_kept.mean()))
-
-    def _largest(
-        self, loop: ControlLoop, feedback: Feedback, model: Plant, robots: list[Plant], *, noise: bool
-    ) -> tuple[Array, Array, Array]:
-        """Compute the largest deviations (R,) along the plan of R robots: platform, torque, and load."""
-        reference, robot = self.reference, self.reference.robot
+        reference, scale = self.reference, self.reference.robot.platform_scale
         start = prior_deviations(reference, self.within[0], self.spread)
         start[: 2 * self.within[0].m] = 0.0  # robots start on the plan
-        deviation = closed_loop_deviation(model, feedback, start, robots=robots, noise=noise)
-        platform = (deviation.z[:, :, : robot.n] / robot.platform_scale).max(axis=(1, 2))
+        deviation = closed_loop_deviation(plants[0], feedback, start, robots=plants)
+        platform = (deviation.z[:, :, : len(scale)] / scale).max(axis=(1, 2))  # (R,)
+        platform = np.where(platform < MAX_DEVIATION, platform, np.inf)
+        count = len(self.within)
+        torque = deviation.torque[:count].max(axis=0)  # (K, n_a)
         planned = np.abs(reference.torque)  # (K, n_a)
         peak = planned.max(axis=0)
         lowest, highest = torque_range(reference, loop)
         limit = np.where(reference.torque < 0.0, -lowest, highest)
         left = np.maximum(limit - planned, LEAST_ROOM * peak)
-        return (
-            np.where(platform < MAX_DEVIATION, platform, np.inf),
-            (deviation.torque / peak).max(axis=(1, 2)),
-            (deviation.torque / left).max(axis=(1, 2)),
+        is_kept = np.asarray(platform[count:] <= MAX_PREDICTED_SHARE * loop.tolerance)
+        return LoopPrediction(
+            controller=name,
+            sensors=loop.sensors,
+            platform=float(platform[:count].max()),
+            torque=float((torque / peak).max()),
+            load=float((torque / left).max()),
+            ends=float(is_kept.mean()) if self.ends else 1.0,
         )
 
     def _close_loop(self, controller: Controller, loop: ControlLoop) -> tuple[Feedback, list[Plant]] | None:
@@ -150,63 +146,65 @@ class LinearModels(NamedTuple):
         if isinstance(controller, FeedforwardPD) and not controller.integral:
             # of angles and speeds of motors
             gain = motor_gains(self.reference, models[0], controller.feedback)
-            delay = loop.delayed_periods(self.reference.period)
-            return Feedback(gain, delay, None, predicts=False), [Plant.of(model) for model in models]
+            feedback = Feedback(gain, loop.delayed_periods(self.reference.period))
+            return feedback, [Plant.of(model) for model in models]
         if not isinstance(controller, Regulator):
             return None
-        gain = controller.gain
-        if controller.filter is not None:  # of estimates
-            own = controller.filter
-            observer = Observer(own.gain, own.deviation)
-            readings = [reading_rows(model, own.sensors, robot.n) for model in models]
-        elif sensors_of(robot, loop).state:  # of the exact h and h'; disturbances are not estimated
-            count, n_a, states = gain.shape
-            N = models[0].A.shape[1]
-            C = np.broadcast_to(np.eye(states, N), (count, states, N))
-            observer = Observer(C.swapaxes(1, 2), np.zeros(states))
-            gain = np.concatenate([gain, np.zeros((count, n_a, N - states))], axis=2)
-            readings = [(C, np.zeros((count, states, n_a)))] * len(models)
-        else:
+        if controller.sensors is None and not sensors_of(robot, loop).state:
             return None
-        plants = [Plant(model.F, model.G, *rows) for model, rows in zip(models, readings, strict=True)]
-        return Feedback(gain, controller.delay, observer, predicts=True), plants
+        # disturbances that the controller does not know have no gains
+        added = (0, models[0].A.shape[1] - controller.gain.shape[2])
+        gain = np.pad(controller.gain, ((0, 0), (0, 0), added))
+        observer = controller.observer._replace(
+            gain=np.pad(controller.observer.gain, ((0, 0), added, (0, 0)))
+        )
+        plants = [plant_with_readings(model, controller.sensors, robot.n) for model in models]
+        return Feedback(gain, controller.delay, observer), plants
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
-        """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to pass at all ends.
+        """Tune lqg for the sensors of the loop by weights with which it is predicted to pass at most ends.
 
-        If none is, take the one that passes at most ends, or else the one of least prediction over the
-        allowed deviation.
+        The stated weights are taken if they leave enough. Else the noise of the filter's model is chosen at a
+        middle share of torques, and then the share at this noise: a slow loop deviates, a fast one is moved
+        by noise and by vibrations that differ.
         """
-        reference, spread, tuning = self.reference, self.spread, self.tuning
-        key = repr((loop, tuning))
+        key = repr((loop, self.tuning))
         if key in self.tuned:
             return self.tuned[key]
-        best: tuple[tuple[float, float], Regulator, LoopPrediction] | None = None
-        for noise, torque in CAUTIONS if self.ends else CAUTIONS[:1]:
-            weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
-            if weights.torque not in self.gains:  # they do not depend on sensors
-                self.gains[weights.torque] = regulator_gains(reference, self.within[0], weights)
-            controller = tune_lqg(
-                reference,
-                loop=loop,
-                spread=spread,
-                estimates=tuning.estimates,
-                weights=weights,
-                model=self.within[0],
-                gain=self.gains[weights.torque],
-            )
-            prediction = self.predict("lqg", controller, loop)
-            assert prediction is not None
-            allowed = MAX_PREDICTED_SHARE * loop.tolerance
-            excess = max(prediction.platform / allowed, prediction.load)
-            rank = (-prediction.ends, max(excess, 1.0))
-            if best is None or rank < best[0]:
-                best = rank, controller, prediction
-            if excess <= 1 and prediction.ends == 1:
-                break
-        assert best is not None
-        self.tuned[key] = best[1:]
-        return best[1:]
+        tried: dict[tuple[float, float], tuple[Regulator, LoopPrediction]] = {}  # by noise and share
+
+        def rank(weights: tuple[float, float]) -> tuple[float, float, float]:
+            if weights not in tried:
+                tried[weights] = self._tune(loop, *weights)
+            prediction = tried[weights][1]
+            excess = prediction.excess(loop.tolerance)
+            return max(excess, 1.0), -prediction.ends, excess
+
+        best = (1.0, 1.0)
+        if rank(best) > (1.0, -1.0, GOOD_EXCESS):
+            noise, _share = min(((noise, TORQUE_SHARES[0]) for noise in FILTER_NOISES), key=rank)
+            best = min([best, *((noise, share) for share in TORQUE_SHARES)], key=rank)
+        self.tuned[key] = tried[best]
+        return self.tuned[key]
+
+    def _tune(self, loop: ControlLoop, noise: float, torque: float) -> tuple[Regulator, LoopPrediction]:
+        """Tune lqg with weights times factors of noise and torque share, and predict its deviations."""
+        reference, tuning, model = self.reference, self.tuning, self.within[0]
+        weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
+        if weights.torque not in self.gains:  # they do not depend on sensors
+            self.gains[weights.torque] = regulator_gains(reference, model, weights)
+        controller = tune_lqg(
+            reference,
+            model,
+            self.gains[weights.torque],
+            loop=loop,
+            spread=self.spread,
+            estimates=tuning.estimates,
+            weights=weights,
+        )
+        prediction = self.predict("lqg", controller, loop)
+        assert prediction is not None
+        return controller, prediction
 
 
 def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread) -> LoopPrediction | None:
@@ -255,7 +253,7 @@ def predict_by_sensors(
             rows = sensors_of(reference.robot, one)
         except InvalidInput:  # no elbows
             continue
-        S = np.unique(rows.joints.S, axis=0)
+        S = np.unique(rows.S, axis=0)
         if not rows.platform and any(np.array_equal(S, other) for other in seen):
             continue  # links of rigid robots are their motors
         seen.append(S)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.control.controllers import Measurement, estimate_state
+from framework.control.deviation import Observer, Plant
 from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.sensors import (
@@ -32,7 +33,7 @@ from framework.control.sensors import (
 from framework.control.variations import Spread
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.frames import difference
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.tolerances import RANK_ROUNDING
@@ -93,41 +94,26 @@ class Tuning:
 
 
 @dataclass(frozen=True, eq=False)
-class Filter(ReadOnlyArrays):
-    """A Kalman filter of z from s readings: y = C z + D tau + noise."""
-
-    sensors: LoopSensors
-    C: Array  # (K, s, N)
-    D: Array  # (K, s, n_a)
-    deviation: Array  # (s,) standard deviations of the noise of the readings alone
-    gain: Array  # (K, N, s)
-
-
-@dataclass(frozen=True, eq=False)
-class Regulator(ReadOnlyArrays):
-    """tau = tau_plan - gain z, with the deviations z (N,) measured, or estimated by a `filter`."""
+class Regulator:
+    """tau = tau_plan - gain z, of the deviations z (N,) that an observer estimates from readings."""
 
     reference: Reference
     model: LinearModel
+    plant: Plant  # the model in discrete time with its readings
     gain: Array  # (K, n_a, N)
     delay: int  # [periods] known, from measurement to torque
-    filter: Filter | None  # None: the state is measured, as far as h and h' go
-    prior: Array  # (N,) standard deviations of z at the start
-
-    @property
-    def sensors(self) -> LoopSensors | None:
-        """The sensors that the filter reads; None without one."""
-        return None if self.filter is None else self.filter.sensors
+    observer: Observer
+    sensors: LoopSensors | None  # that are read; None: h and h', which are measured
 
     def start(self, runs: int) -> RegulatorRun:
         """Return the controller of R runs at the start of the plan."""
-        return RegulatorRun(self, np.zeros((runs, self.gain.shape[2])), [])
+        return RegulatorRun(self, np.zeros((runs, self.plant.F.shape[2])), [])
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N] of runs that have followed the plan up to instant k."""
         run = self.start(len(measurement.motor_angle))
-        last = len(self.gain) - 1
-        run.sent = [self.reference.period_torque[min(j + self.delay, last)] for j in range(k)]
+        planned = self.reference.period_torque
+        run.sent = [planned[min(j + self.delay, len(planned) - 1)] for j in range(k)]
         return run.torque(k, measurement)
 
 
@@ -146,31 +132,28 @@ class RegulatorRun:
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
-        own, model = self.regulator, self.regulator.model
-        planned, last = own.reference.period_torque, len(own.gain) - 1
-        z = self.z
+        own = self.regulator
+        F, G, C, D = own.plant
+        planned = own.reference.period_torque
+        readings = measured_state(own, k, measurement) if own.sensors is None else measurement.readings
+        if readings is None:
+            raise InvalidInput("lqg: needs the readings of its sensors in the measurement")
+        z, expected = self.z, matvec(C[k], self.z)
         if self.sent:
             if measurement.command is not None:
                 self.sent[-1] = measurement.command  # limited
             acting = self._deviation(k - 1)
-            z = matvec(model.F[k - 1], z) + matvec(model.G[k - 1], acting)
-        if own.filter is None:
-            z = np.concatenate([measured_state(own, k, measurement), z[:, 2 * model.m :]], axis=1)
-        else:
-            if measurement.readings is None:
-                raise InvalidInput("lqg: needs the readings of its sensors in the measurement")
-            expected = matvec(own.filter.C[k], z)
-            if self.sent:  # deflections in static balance with the torque of the last period
-                expected = expected + matvec(own.filter.D[k], acting)
-            z = z + matvec(own.filter.gain[k], measurement.readings - expected)
-        self.z = z
+            z = matvec(F[k - 1], z) + matvec(G[k - 1], acting)
+            # deflections are in static balance with the torque of the last period
+            expected = matvec(C[k], z) + matvec(D[k], acting)
+        self.z = z = z + matvec(own.observer.gain[k], readings - expected)
 
         # predict through the periods whose torques have been sent
-        target = min(k + own.delay, last)
+        target = min(k + own.delay, len(planned) - 1)
         for j in range(k, target):
-            z = matvec(model.F[j], z)
+            z = matvec(F[j], z)
             if self.sent:
-                z = z + matvec(model.G[j], self._deviation(j))
+                z = z + matvec(G[j], self._deviation(j))
         command = planned[target] - matvec(own.gain[target], z)
         self.sent.append(command)
         return command
@@ -210,44 +193,39 @@ def tune_lqr(
             f"{', '.join(robot.elastic_names)}: use lqg, or feedforward"
         )
     model = linearise_plan(reference)
+    plant = plant_with_readings(model, None, robot.n)
+    exact = Observer(np.ascontiguousarray(plant.C.swapaxes(1, 2)), np.zeros(2 * model.m))
     gain = regulator_gains(reference, model, weights)
-    delay = loop.delayed_periods(reference.period)
-    return Regulator(reference, model, gain, delay, None, np.zeros(gain.shape[2]))
+    return Regulator(reference, model, plant, gain, loop.delayed_periods(reference.period), exact, None)
 
 
 def tune_lqg(
     reference: Reference,
+    model: LinearModel,
+    gain: Array,
     *,
-    loop: ControlLoop | None = None,
-    spread: Spread | None = None,
-    estimates: tuple[str, ...] | None = None,
-    weights: Weights | None = None,
-    model: LinearModel | None = None,
-    gain: Array | None = None,
+    loop: ControlLoop,
+    spread: Spread,
+    estimates: tuple[str, ...] | None,
+    weights: Weights,
 ) -> Regulator:
-    """Compute gains and a Kalman filter for the sensors of the loop.
+    """Compute a Kalman filter for the sensors of the loop, of a regulator with gains (K, n_a, N).
 
     Args:
+        model: linear model with all disturbances of the spread and of `estimates`.
+        gain: `regulator_gains` of this model.
         loop: sensors, their steps, and the known delay.
         spread: of robots about the model, whose noise and disturbances the filter expects.
-        estimates: disturbances that are estimated, kinds of DISTURBANCES; by default those of the spread.
-        weights: of the quadratic cost, and what the filter does not model.
-        model: linear model with all disturbances of the spread and of `estimates`, if there is one.
-        gain: `regulator_gains` of this model and these weights, if known.
+        estimates: disturbances that are estimated, kinds of DISTURBANCES; None: those of the spread.
+        weights: what the filter does not model.
     """
-    loop, weights, spread = loop or ControlLoop(), weights or Weights(), spread or Spread()
-    kinds = disturbances_of(spread)
-    estimates = kinds if estimates is None else estimates
-    model = model or linearise_plan(reference, tuple(dict.fromkeys([*kinds, *estimates])))
-    gain = regulator_gains(reference, model, weights) if gain is None else gain
-    prior = prior_deviations(reference, model, spread)
-    is_estimated = np.array(
-        [name.split()[0].rstrip("s") in {e.rstrip("s") for e in estimates} for name in model.names]
-    )
-    start = prior.copy()
-    start[2 * model.m :] *= is_estimated
-    observer = tune_filter(reference, model, loop, spread, weights, start)
-    return Regulator(reference, model, gain, loop.delayed_periods(reference.period), observer, prior)
+    sensors = sensors_of(reference.robot, loop)
+    plant = plant_with_readings(model, sensors, reference.robot.n)
+    estimated = {kind.rstrip("s") for kind in (disturbances_of(spread) if estimates is None else estimates)}
+    start = prior_deviations(reference, model, spread)
+    start[2 * model.m :] *= [name.split()[0] in estimated for name in model.names]
+    observer = tune_filter(reference, model, plant, sensors, spread, weights, start)
+    return Regulator(reference, model, plant, gain, loop.delayed_periods(reference.period), observer, sensors)
 
 
 def disturbances_of(spread: Spread) -> tuple[str, ...]:
@@ -312,19 +290,19 @@ def solve_riccati(F: Array, G: Array, Q: Array, R: Array) -> Array:
 def tune_filter(
     reference: Reference,
     model: LinearModel,
-    loop: ControlLoop,
+    plant: Plant,
+    sensors: LoopSensors,
     spread: Spread,
     weights: Weights,
     prior: Array,
-) -> Filter:
-    """Compute the gains of the Kalman filter for the sensors of the loop.
+) -> Observer:
+    """Compute the Kalman filter of a plant that sensors read.
 
     Args:
         prior: standard deviations (N,) of z at the start.
     """
     robot, period = reference.robot, reference.period
-    sensors = sensors_of(robot, loop)
-    C, D = reading_rows(model, sensors, robot.n)
+    F, C = plant.F, plant.C
     deviation, trust = _reading_deviations(reference, sensors, spread)
     R = deviation**2 + (weights.deflection * trust) ** 2
 
@@ -346,25 +324,34 @@ def tune_filter(
         gain[k] = np.linalg.solve(C[k] @ PC + np.diag(R), PC.T).T
         rest = np.eye(len(P)) - gain[k] @ C[k]
         P = rest @ P @ rest.T + gain[k] * R @ gain[k].T  # Joseph's form stays positive
-        P = model.F[k] @ P @ model.F[k].T
+        P = F[k] @ P @ F[k].T
         P[states, states] += noise[k] ** 2
-    return Filter(sensors, C, D, deviation, gain)
+    return Observer(gain, deviation)
 
 
-def reading_rows(model: LinearModel, sensors: LoopSensors, n: int) -> tuple[Array, Array]:
-    """Return C (K, s, N) and D (K, s, n_a) of readings y = C z + D tau.
+def plant_with_readings(model: LinearModel, sensors: LoopSensors | None, n: int) -> Plant:
+    """Return the linear model of a platform of n coordinates in discrete time, with readings y = C z + D tau.
 
-    Encoders behind springs read deflections in static balance with z and tau. The platform has n coordinates.
+    Encoders behind springs read deflections in static balance with z and tau. Without sensors the readings
+    are h and h'.
     """
-    S, m = sensors.joints.S, model.m
-    C, D = [S @ model.joints], [S @ model.joints_by_torque]
+    count, N, n_a = model.G.shape
+    m = model.m
+
+    def first(size: int) -> tuple[Array, Array]:
+        """Return C and D of the first states."""
+        return np.broadcast_to(np.eye(size, N), (count, size, N)), np.zeros((count, size, n_a))
+
+    if sensors is None:
+        return Plant(model.F, model.G, *first(2 * m))
+    S = sensors.S
+    rows = [(S @ model.joints, S @ model.joints_by_torque)]
     if sensors.platform:
-        C.append(np.broadcast_to(np.eye(n, model.A.shape[1]), (len(model.A), n, model.A.shape[1])))
-        D.append(np.zeros((len(model.A), n, model.B.shape[2])))
+        rows.append(first(n))
     if sensors.imu:
-        C.append(model.A[:, m : m + n])
-        D.append(model.B[:, m : m + n])
-    return np.concatenate(C, 1), np.concatenate(D, 1)
+        rows.append((model.A[:, m : m + n], model.B[:, m : m + n]))
+    C, D = (np.concatenate(part, axis=1) for part in zip(*rows, strict=True))
+    return Plant(model.F, model.G, C, D)
 
 
 def _reading_deviations(reference: Reference, sensors: LoopSensors, spread: Spread) -> tuple[Array, Array]:
@@ -374,9 +361,9 @@ def _reading_deviations(reference: Reference, sensors: LoopSensors, spread: Spre
         np.abs(robot.coordinates.positions(reference.motion.q)[:, robot.elastic])
         / robot.column_scale[robot.elastic]
     )
-    behind = np.where(sensors.joints.is_motor, 0.0, deflected.max(initial=0.0))
-    scale = np.abs(sensors.joints.noisy @ robot.column_scale)  # (s,) unit of the noise
-    noise = [np.hypot(sensors.joints.step / np.sqrt(12), np.maximum(spread.noise, LEAST_NOISE) * scale)]
+    behind = np.where(np.isin(sensors.columns, robot.actuated), 0.0, deflected.max(initial=0.0))
+    scale = robot.column_scale[sensors.columns]  # (s,) unit of the noise
+    noise = [np.hypot(sensors.step / np.sqrt(12), np.maximum(spread.noise, LEAST_NOISE) * scale)]
     trust = [behind * scale]
     if sensors.platform:
         noise.append(np.maximum(spread.noise, PLATFORM_NOISE) * robot.platform_scale)

@@ -73,22 +73,20 @@ class ControlLoop:
         return count
 
 
-class JointSensors(NamedTuple):
-    """Encoders that read S q: single joints, or sums of a joint and its deflections."""
+class LoopSensors(NamedTuple):
+    """Encoders that read S q, of joints or sums of a joint and its deflections, and other sensors."""
 
     S: Array  # (s, nv)
-    noisy: Array  # (s, nv) unit row of the joint whose noise is that of the encoder
+    columns: IntArray  # (s,) joints whose noise is that of the encoders
     step: Array  # (s,) between two readings [rad, m], joint side; 0 without steps
-    is_motor: Array  # (s,) whether the encoder sits on the motor, before all springs
-
-
-class LoopSensors(NamedTuple):
-    """The sensors of a robot."""
-
-    joints: JointSensors
     platform: bool
     imu: bool
     state: bool  # the whole state is measured
+
+    @property
+    def see_platform(self) -> bool:
+        """Whether readings depend on the motion of the platform."""
+        return self.platform or self.imu or self.state
 
 
 def sensors_of(robot: ParallelRobot, loop: ControlLoop) -> LoopSensors:
@@ -102,36 +100,29 @@ def sensors_of(robot: ParallelRobot, loop: ControlLoop) -> LoopSensors:
     passive = [column for column in range(robot.nv) if column in single and column not in excluded]
     by_name = {robot.coordinates.name_of(column): column for column in passive}
     unit = np.eye(robot.nv)
-    motors_step = motor_step(robot, loop)
     link_step = _turns(robot) / loop.link_counts if loop.link_counts else np.zeros(robot.nv)
-    parts: list[JointSensors] = []
-
-    def add(S: Array, columns: IntArray, step: Array, *, is_motor: bool = False) -> None:
-        count = len(columns)
-        parts.append(JointSensors(S, unit[columns], step * np.ones(count), np.full(count, is_motor)))
-
+    # rows of S, columns and steps of each kind
+    encoders: list[tuple[Array, IntArray, Array]] = [(unit[:0], np.arange(0), np.zeros(0))]
     names = loop.sensors.split()
     for name in names:
-        if name == "motors":
-            add(unit[robot.actuated], robot.actuated, motors_step, is_motor=True)
-        elif name == STATE:
-            add(unit, np.arange(robot.nv), link_step)
-        elif name == "links":
+        kind, _, joint = name.partition(":")
+        if kind == "motors":
+            encoders.append((unit[robot.actuated], robot.actuated, motor_step(robot, loop)))
+        elif kind == "links":
             S, columns = _link_rows(robot)
-            add(S, columns, link_step[columns])
-        elif name == "elbows":
-            if not passive:
+            encoders.append((S, columns, link_step[columns]))
+        elif kind in ("elbows", STATE):
+            columns = np.arange(robot.nv) if kind == STATE else np.array(passive, dtype=np.intp)
+            if joint:
+                if joint not in by_name:
+                    raise InvalidInput(f"sensors: {choose_from('passive joint', joint, by_name)}")
+                columns = np.array([by_name[joint]])
+            if not len(columns):
                 raise InvalidInput(f"sensors: {robot.name} has no passive hinges or slides for elbows")
-            add(unit[passive], np.array(passive), link_step[passive])
-        elif name.startswith("elbows:"):
-            joint = name.partition(":")[2]
-            if joint not in by_name:
-                raise InvalidInput(f"sensors: {choose_from('passive joint', joint, by_name)}")
-            add(unit[[by_name[joint]]], np.array([by_name[joint]]), link_step[[by_name[joint]]])
-    none = JointSensors(unit[:0], unit[:0], np.zeros(0), np.zeros(0, dtype=bool))
-    joints = JointSensors(*(np.concatenate(fields) for fields in zip(none, *parts, strict=True)))
+            encoders.append((unit[columns], columns, link_step[columns]))
+    S, columns, step = (np.concatenate(part) for part in zip(*encoders, strict=True))
     state = STATE in names
-    return LoopSensors(joints, state or "platform" in names, "imu" in names, state)
+    return LoopSensors(S, columns, step, state or "platform" in names, "imu" in names, state)
 
 
 def _link_rows(robot: ParallelRobot) -> tuple[Array, IntArray]:

@@ -34,26 +34,26 @@ def controller_table(regulator: Controller, sensors: tuple[str, ...]) -> tuple[s
     Raises:
         InvalidInput: a controller without a filter.
     """
-    if not isinstance(regulator, Regulator) or regulator.filter is None:
+    if not isinstance(regulator, Regulator) or regulator.sensors is None:
         raise InvalidInput("export: needs the controller lqg, whose filter reads sensors")
     reference: Reference = regulator.reference
-    robot, model, observer = reference.robot, regulator.model, regulator.filter
-    S = observer.sensors.joints.S
+    robot, model, plant, sensing = reference.robot, regulator.model, regulator.plant, regulator.sensors
+    S = sensing.S
     planned = [robot.coordinates.positions(reference.motion.q) @ S.T]
-    if observer.sensors.platform:
+    if sensing.platform:
         planned.append(reference.x)
-    if observer.sensors.imu:
+    if sensing.imu:
         planned.append(reference.ddx)
     arrays: dict[str, Array] = {
         "time": reference.times[:, None],
         "torque": reference.period_torque,
         "planned_readings": np.concatenate(planned, axis=1),
         "gain": regulator.gain,
-        "F": model.F,
-        "G": model.G,
-        "L": observer.gain,
-        "C": observer.C,
-        "D": observer.D,
+        "F": plant.F,
+        "G": plant.G,
+        "L": regulator.observer.gain,
+        "C": plant.C,
+        "D": plant.D,
     }
     columns, first = {}, 0
     for name, array in arrays.items():
@@ -63,9 +63,9 @@ def controller_table(regulator: Controller, sensors: tuple[str, ...]) -> tuple[s
     table = np.concatenate([array.reshape(len(array), -1) for array in arrays.values()], axis=1)
     lines = [",".join(map(repr, row)) for row in table.tolist()]
     rows = [" + ".join(robot.coordinates.name_of(column) for column in np.flatnonzero(row)) for row in S]
-    if observer.sensors.platform:
+    if sensing.platform:
         rows += [f"platform {name}" for name in robot.axis_names]
-    if observer.sensors.imu:
+    if sensing.imu:
         rows += [f"acceleration {name}" for name in robot.axis_names]
     kept = [*robot.axis_names, *(robot.coordinates.name_of(column) for column in model.columns)]
     description = {

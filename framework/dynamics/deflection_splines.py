@@ -106,12 +106,10 @@ class DeflectionSplines(ReadOnlyArrays):
             np.clip(np.searchsorted(self.cells, p, side="right") - 1, first, following - 1)
             for p, first, following in zip(points, first_cells[:-1], first_cells[1:], strict=True)
         ]
-        return self._nodes_at(np.concatenate(points), np.concatenate(cells))
-
-    def _nodes_at(self, p: Array, cells: IntArray) -> SplineNodes:
-        """Return nodes at p (T,) in cells (T,)."""
-        intervals = self.intervals[cells]
-        return SplineNodes(p, cells, self.columns(intervals), self.bases(intervals, p))
+        p = np.concatenate(points)  # (T,)
+        cell_of_point = np.concatenate(cells)  # (T,)
+        intervals = self.intervals[cell_of_point]
+        return SplineNodes(p, cell_of_point, self.columns(intervals), self.bases(intervals, p))
 
     def columns(self, intervals: IntArray) -> IntArray:
         """Return indices (T, SPLINE_DEGREE + 1) of the splines that are not zero behind knots.

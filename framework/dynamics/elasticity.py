@@ -220,16 +220,22 @@ def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) 
         beside: instants (k,) [s] of the checkpoints, where the motor torques may have no value.
     """
     robot = branch.robot
-    times = np.concatenate([grid.times, beside])
-    still = np.zeros((len(times), robot.n_e))
-    both = motion_with_deflections(branch, times, law, (still, still, still))
-    count = len(grid.times)
-    motion, aside = both.select(slice(count)), both.select(slice(count, None))
-    forces = joint_forces(robot, motion)
-    caused = -forces.spring_force / robot.stiffness  # Eq. (3b) with linear springs
-    at_rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-    checkpoints = Checkpoints(beside, aside, tree_forces(robot, aside))
-    return Pass(grid, law, at_rest, still[:count], motion, forces, caused, checkpoints=checkpoints)
+    times = np.concatenate([grid.times, beside])  # (T + k,)
+    zeros = np.zeros((len(times), robot.n_e))  # deflections, and their first and second derivatives
+    motion = motion_with_deflections(branch, times, law, (zeros, zeros, zeros))
+    T = len(grid.times)
+    on_grid, at_checkpoints = motion.select(slice(T)), motion.select(slice(T, None))
+    forces = joint_forces(robot, on_grid)
+    return Pass(
+        grid,
+        law,
+        deflections=TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e))),
+        q_e=zeros[:T],
+        motion=on_grid,
+        forces=forces,
+        caused=-forces.spring_force / robot.stiffness,  # q_e = -K^-1 f, as in this file's docstring
+        checkpoints=Checkpoints(beside, at_checkpoints, tree_forces(robot, at_checkpoints)),
+    )
 
 
 def evaluate_pass(

@@ -9,7 +9,7 @@ treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coeff
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -140,36 +140,14 @@ def resolve_law(
     Raises:
         NoAnswer: as `inverse_dynamics`.
     """
-    resolve_law_with = partial(
-        resolve, searched, lambda _: law, geometry=geometry, tolerance=tolerance, friction=friction
+    return resolve(
+        searched,
+        lambda _: law,
+        geometry=geometry,
+        tolerance=tolerance,
+        friction=friction,
+        find_balance=lambda: (law, deflections_of(searched.branch, law)),
     )
-    try:
-        return resolve_law_with(known=None)
-    except (NotConverged, UnboundedTorque) as failure:
-        if geometry == "rigid":
-            raise
-        try:
-            return resolve_law_with(known=deflections_of(searched.branch, law))
-        except SearchEnded:
-            raise
-        except NoAnswer as second:
-            raise choose_failure(failure, second) from None
-
-
-def choose_failure(of_passes: NotConverged | UnboundedTorque, of_balance: NoAnswer) -> NoAnswer:
-    """Choose the error to raise after two computations of the deflections have failed.
-
-    Of two errors of convergence, the one with the smaller residual says more. Any other error of the passes,
-    such as a pole of the torques or springs that are too soft, is raised itself. So is an error of the passes
-    if the second computation failed for another reason than convergence.
-
-    Args:
-        of_passes: error of the fixed-point passes, the first computation.
-        of_balance: error of solving for deflections in balance (`restoration`), the second one.
-    """
-    if isinstance(of_passes, SpringsTooSoft | UnboundedTorque) or not isinstance(of_balance, NotConverged):
-        return of_passes
-    return min(of_passes, of_balance, key=lambda failure: failure.residual)
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
@@ -201,26 +179,66 @@ def resolve(
     tolerance: float,
     friction: str,
     known: KnownDeflections | None = None,
+    find_balance: Callable[[], tuple[MotionLaw, KnownDeflections]] | None = None,
 ) -> InverseDynamics:
-    """Compute torques on finer and finer grids until their series are resolved.
+    """Compute torques under known deflections, or under those that passes or Gauss-Newton find.
 
-    A grid that does not resolve torques or deflections is followed by a finer one, unless finer grids are
-    known not to help. A resolved motion must pass all checks.
+    If passes do not converge, the deflections that `find_balance` returns are taken. If these do not lead to
+    torques either, one of both errors is raised. Of two errors of convergence, the one with the smaller
+    residual says more. Any other error of the passes, such as a pole of the torques or springs that are too
+    soft, is raised itself. So is an error of the passes if the second computation failed for another reason
+    than convergence.
 
     Args:
         choose_law: a function of the deflections that returns the law to follow; for None that for springs
             at rest.
         geometry: "rigid" or "deformed".
         tolerance: tail of the torques that counts as resolved.
-        friction: "driven" adds the dry friction of driven joints, "none" does not.
+        friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
         known: known deflections; None to solve for the deflections.
+        find_balance: returns a law and deflections in balance (`restoration`); None to rely on passes.
 
     Raises:
         NoAnswer: as `inverse_dynamics`.
     """
+    check_tolerance(tolerance)
+    resolve_with = partial(
+        _resolve_on_grids, searched, geometry=geometry, tolerance=tolerance, friction=friction
+    )
+    if known is not None or find_balance is None or geometry == "rigid":
+        return resolve_with(choose_law, known=known)
+    try:
+        return resolve_with(choose_law, known=None)
+    except (NotConverged, UnboundedTorque) as of_passes:
+        try:
+            law, deflections = find_balance()
+            return resolve_with(lambda _: law, known=deflections)
+        except SearchEnded:
+            raise
+        except NotConverged as of_balance:
+            if isinstance(of_passes, SpringsTooSoft | UnboundedTorque):
+                raise of_passes from None
+            raise min(of_passes, of_balance, key=lambda failure: failure.residual) from None
+        except NoAnswer:
+            raise of_passes from None
+
+
+def _resolve_on_grids(
+    searched: SearchedPath,
+    choose_law: LawChoice,
+    *,
+    geometry: str,
+    tolerance: float,
+    friction: str,
+    known: KnownDeflections | None,
+) -> InverseDynamics:
+    """Compute torques on finer and finer grids until their series are resolved, as `resolve`.
+
+    A grid that does not resolve torques or deflections is followed by a finer one, unless finer grids are
+    known not to help. A resolved motion must pass all checks.
+    """
     # relative, of the deflections by one more pass; above, they are discarded
     max_usable_change = 1e-2
-    check_tolerance(tolerance)
     robot = searched.branch.robot
     law = choose_law(None)  # for springs at rest
     crossed = find_crossed_points(searched.branch, searched.points, law)

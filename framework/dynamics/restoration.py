@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, LinearBalance, Step
+from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, Step
 from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, NotConverged, SpringsTooSoft
@@ -40,14 +40,6 @@ MAX_STEPS = 12  # on the same cells
 MIN_STEP_SHARE = 1 / 4  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
 SOFTENING, MIN_SOFTENING = 4.0, 1.3  # from one stiffness to the next
-
-
-class GaussNewtonResult(NamedTuple):
-    """The last iterate of Gauss-Newton on given cells of the deflections' splines."""
-
-    state: BalanceState
-    is_solved: bool  # whether the misfit is as small as the cells allow
-    linear: LinearBalance | None  # at a state near the last iterate
 
 
 class BalanceSolution(NamedTuple):
@@ -119,17 +111,28 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
     return solve_balance(branch, lambda _: clock, np.zeros(0)).deflections
 
 
-def _refine(equations: BalanceEquations, start: BalanceState, misfit: float) -> BalanceState:
-    """Solve from a start, and halve cells until a misfit is reached or further cells do not help.
+def _refine(equations: BalanceEquations, state: BalanceState, misfit: float) -> BalanceState:
+    """Solve from a state, and halve cells until a misfit is reached or further cells do not help.
+
+    The cells of the largest misfits are halved. Where deflections are smooth, this divides the misfit of a
+    cell by thousands. A misfit that falls by less than MIN_GAIN is not due to the cells.
 
     Args:
-        start: the first iterate, with its cells.
+        state: the first iterate, with its cells.
         misfit: |F| over the largest load at which the solution is accepted.
     """
-    result = _gauss_newton(equations, start)
-    while result.is_solved and result.state.misfit > misfit:
-        result = _halve_cells(equations, result)
-    return result.state
+    state, is_solved = _gauss_newton(equations, state)
+    while is_solved and state.misfit > misfit:
+        # the cells above the geometric mean of the largest misfit and a settled one
+        splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
+        if len(splines.cells) > MAX_CELLS:
+            break
+        series = splines.insert(state.splines, state.series)
+        start = equations.evaluate(splines, series, state.scalars, stiffer=state.balance.stiffer)
+        coarse_misfit = state.misfit
+        state, is_solved = _gauss_newton(equations, start)
+        is_solved = is_solved and MIN_GAIN * state.misfit < coarse_misfit
+    return state
 
 
 def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> BalanceState:
@@ -163,32 +166,22 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
         raise _no_balance(equations, f"springs {stiffer:g} times as stiff do not either", np.inf)
     while stiffer > 1.0 and softening > MIN_SOFTENING:
         softening = min(softening, stiffer)  # the last step ends at the robot's own springs
-        following = _solve_softer(equations, solved, stiffer / softening)
-        if following is None:
-            softening = np.sqrt(softening)
+        softer = stiffer / softening
+        try:  # deflections are nearly proportional to compliance
+            first = equations.evaluate(
+                solved.splines, softening * solved.series, solved.scalars, stiffer=softer
+            )
+            following = _refine(equations, first, MAX_UNRESOLVED_MISFIT)
+            is_solved = following.misfit <= MAX_UNRESOLVED_MISFIT
+        except NotAssembled:  # the deflections tear the loops
+            is_solved = False
+        if is_solved:
+            solved, stiffer = following, softer
         else:
-            solved = following
-            stiffer = solved.balance.stiffer
+            softening = np.sqrt(softening)
     if stiffer > 1.0:
         raise _no_balance(equations, f"springs {stiffer:.2g} times as stiff do", misfit)
     return solved
-
-
-def _solve_softer(equations: BalanceEquations, solved: BalanceState, stiffer: float) -> BalanceState | None:
-    """Solve for softer springs; None if the balance is not found, or the deflections tear the loops.
-
-    Args:
-        solved: the solution for stiffer springs.
-        stiffer: stiffness of the softer springs over those of the robot.
-    """
-    # deflections are nearly proportional to compliance
-    series = solved.series * (solved.balance.stiffer / stiffer)
-    try:
-        first = equations.evaluate(solved.splines, series, solved.scalars, stiffer=stiffer)
-    except NotAssembled:
-        return None
-    state = _refine(equations, first, MAX_UNRESOLVED_MISFIT)
-    return state if state.misfit <= MAX_UNRESOLVED_MISFIT else None
 
 
 def _no_balance(equations: BalanceEquations, stiffer_springs: str, residual: float) -> NotConverged:
@@ -206,7 +199,7 @@ def _no_balance(equations: BalanceEquations, stiffer_springs: str, residual: flo
     )
 
 
-def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewtonResult:
+def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceState, bool]:
     """Iterate until the misfit is rounding, or as small as the cells allow.
 
     The misfit is |F| over the largest load. Slopes of F and their factorisation, `linear`, are reused as long
@@ -215,22 +208,25 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
     Args:
         equations: the equations F = 0.
         state: the first iterate, with the splines of the solution.
+
+    Returns:
+        The last iterate; whether its misfit is as small as the cells allow.
     """
     linear = None
     for _ in range(MAX_STEPS):
         check_time()
         if state.misfit <= SETTLED_MISFIT:
-            return GaussNewtonResult(state, True, linear)
+            return state, True
         are_fresh = linear is None  # whether the slopes are those at this iterate
         linear = linear or equations.linearise(state)
         step = linear.step(state)
         # the cells limit the misfit if not even the linear equations can reduce it much
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
         if stalls and state.misfit <= MISFIT_OF_CELLS:
-            return GaussNewtonResult(state, True, linear)
+            return state, True
         new = _take_damped_step(equations, state, step)
         if new is None and are_fresh:  # new slopes cannot help; a small misfit is rounding
-            return GaussNewtonResult(state, state.misfit <= ROUNDING_MISFIT, linear)
+            return state, state.misfit <= ROUNDING_MISFIT
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
@@ -239,28 +235,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> GaussNewt
         if new is None or new.misfit > good_misfit:
             linear = None
         state = new or state
-    return GaussNewtonResult(state, False, linear)
-
-
-def _halve_cells(equations: BalanceEquations, coarse: GaussNewtonResult) -> GaussNewtonResult:
-    """Solve with the cells of the largest misfits halved.
-
-    Where deflections are smooth, halving a cell divides its misfit by thousands. A misfit that falls by less
-    than MIN_GAIN is not due to the cells, and counts as not solved.
-
-    Args:
-        coarse: the solution on the present cells.
-    """
-    state = coarse.state
-    # the cells above the geometric mean of the largest misfit and a settled one
-    splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
-    if len(splines.cells) > MAX_CELLS:
-        return coarse._replace(is_solved=False)
-    start = equations.evaluate(
-        splines, splines.insert(state.splines, state.series), state.scalars, stiffer=state.balance.stiffer
-    )
-    fine = _gauss_newton(equations, start)
-    return fine._replace(is_solved=fine.is_solved and MIN_GAIN * fine.state.misfit < state.misfit)
+    return state, False
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:

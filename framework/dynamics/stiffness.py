@@ -45,7 +45,7 @@ from framework.tolerances import (
     RANK_ROUNDING,
 )
 
-MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
+MAX_STEP = 0.1  # [rad, robot lengths] largest step under load; deflections of linear springs are smaller
 
 
 class CompliantMotions(NamedTuple):
@@ -317,17 +317,17 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
     load = Load(check_wrench(robot, wrench), share=np.ones(1), preload=np.zeros((1, robot.nv)))
     step_size = np.inf  # [rad, robot lengths] largest entry of the last step
     for _ in range(max_steps):
-        residuals = evaluate_equilibrium(robot, q[None], load)
+        at = evaluate_equilibrium(robot, q[None], load)
         if step_size < NEWTON_STEP:
-            if deflects_little(robot, q[None])[0] and residuals.gap[0] < LOOP_GAP:
+            if deflects_little(robot, q[None])[0] and np.abs(at.closing_step).max() < LOOP_GAP:
                 return q, load
             break
-        values, vectors = np.linalg.eigh(residuals.H[0])
+        values, vectors = np.linalg.eigh(at.H[0])
         sizes = np.abs(values)  # so that steps lead downhill, also where the robot buckles
         stiffness = np.maximum(sizes, EIGENVALUE_ROUNDING * sizes.max(initial=0.0))
         # (d,) steps along the motions that keep the loops closed
-        uphill = vectors @ (vectors.T @ residuals.energy_slope[0] / stiffness)
-        step = residuals.closing_step[0] - residuals.null_space[0] @ uphill
+        uphill = vectors @ (vectors.T @ at.energy_slope[0] / stiffness)
+        step = at.closing_step[0] - at.null_space[0] @ uphill
         step_size = np.abs(step).max()
         if not np.isfinite(step_size):
             break

@@ -24,8 +24,9 @@ from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
-from framework.numerics.arrays import Array, ArrayLike, IntArray
+from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike
 from framework.numerics.ordered_sums import factor_transposed, matmul, matvec, solve
+from framework.tolerances import EIGENVALUE_ROUNDING
 
 
 class Load(NamedTuple):
@@ -35,25 +36,20 @@ class Load(NamedTuple):
     share: Array  # (T,) share of weight and w that acts, 0 .. 1
     preload: Array  # (T, nv) spring forces at which the robot is in balance without load
 
-    def select(self, which: IntArray) -> Load:
-        """Return the load on the configurations `which` (k,)."""
-        return Load(self.w, self.share[which], self.preload[which])
 
+class EquilibriumEquations(NamedTuple):
+    """Equations of closed loops and of balanced forces at T configurations, with their derivatives.
 
-class EquilibriumResiduals(NamedTuple):
-    """Residuals of loop equations and forces at T configurations, with the derivatives of Newton's method.
-
-    Steps and loop equations are in radians and robot lengths; f joints move with locked motors. In
-    equilibrium `gap`, `closing_step` and `energy_slope` are zero.
+    Unknown are the f joints that move with locked motors, in radians and robot lengths, and the share of the
+    load. In equilibrium `values`, `closing_step` and `energy_slope` are zero.
     """
 
-    gap: Array  # (T,) largest residual of a loop equation
+    values: Array  # F (T, f): the energy slope along Z, over the largest entry of H, minus the closing step
+    slopes: Array  # (T, f, f + 1) dF by the joints and by the share
     closing_step: Array  # (T, f) the shortest step that closes the loops, to first order
     null_space: Array  # (T, f, d) orthonormal steps Z that keep the loops closed
     energy_slope: Array  # (T, d) [N m] derivative along Z of the energy V - w . x, after the closing step
-    slope_by_share: Array  # (T, d) [N m] derivative of the energy slope by the share of the load
     H: Array  # (T, d, d) [N m] tangent stiffness along Z
-    linearised: LinearisedLoops
 
 
 def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
@@ -71,12 +67,14 @@ def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
     return w
 
 
-def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> EquilibriumResiduals:
-    """Compute the residuals of equilibrium at configurations q (T, nq), with loops open or closed.
+def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> EquilibriumEquations:
+    """Compute the equations of equilibrium at configurations q (T, nq), with loops open or closed.
 
     With the Jacobian J of the loop equations and the QR factorisation J' = Q R, the shortest step that closes
     the loops is -Q R'^-1 residual. The energy slope after this step is that at q, plus the tangent stiffness
-    between Z and the step.
+    between Z and the step. Slope and stiffness H are divided by the largest entry of H. The Jacobian of F is
+    the scaled stiffness along Z and the identity across Z: 1 + Z (H / largest - 1) Z'. H is shifted by
+    rounding, so that steps lead downhill where H is singular.
 
     Args:
         load: weight and wrench on each configuration, with the share of both that acts.
@@ -86,23 +84,29 @@ def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> Equilibr
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled_loops(robot, linearised)[:, :, columns]
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)  # of the loop equations
-    Q, R, null_space = factor_transposed(J)
+    Q, R, Z = factor_transposed(J)
     closing_step = -matvec(Q, solve(R.swapaxes(1, 2), residual))
 
     # stiffness along the d + 1 columns [Z, closing step]: H, bordered by the products with the closing step
-    steps = np.concatenate([null_space, closing_step[:, :, None]], axis=2)
+    steps = np.concatenate([Z, closing_step[:, :, None]], axis=2)
     stiffness = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
+    H, slope_change = stiffness[:, :-1, :-1], stiffness[:, :-1, -1]  # the change (T, d) by the closing step
     forces, forces_by_share = _forces(robot, linearised, q, load)
-    slope_change = stiffness[:, :-1, -1]  # (T, d) by the closing step
-    Z_rows = null_space.swapaxes(1, 2)
-    return EquilibriumResiduals(
-        gap=np.abs(residual).max(axis=1, initial=0.0),
+    Z_rows = Z.swapaxes(1, 2)
+    energy_slope = matvec(Z_rows, forces[:, columns] * lengths) + slope_change
+    slope_by_share = matvec(Z_rows, forces_by_share[:, columns] * lengths)
+
+    largest = np.abs(H).max(axis=(1, 2), initial=LEAST_DIVISOR)[:, None]  # (T, 1) [N m]
+    along_Z = H / largest[:, None] - (1.0 - EIGENVALUE_ROUNDING) * np.eye(Z.shape[2])
+    by_joints = np.eye(len(columns)) + matmul(Z, matmul(along_Z, Z_rows))
+    by_share = matvec(Z, slope_by_share / largest)
+    return EquilibriumEquations(
+        values=matvec(Z, energy_slope / largest) - closing_step,
+        slopes=np.concatenate([by_joints, by_share[:, :, None]], axis=2),
         closing_step=closing_step,
-        null_space=null_space,
-        energy_slope=matvec(Z_rows, forces[:, columns] * lengths) + slope_change,
-        slope_by_share=matvec(Z_rows, forces_by_share[:, columns] * lengths),
-        H=stiffness[:, :-1, :-1],
-        linearised=linearised,
+        null_space=Z,
+        energy_slope=energy_slope,
+        H=H,
     )
 
 

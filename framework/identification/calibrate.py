@@ -237,25 +237,32 @@ def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
 
 
 def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[str, float]) -> None:
-    """Raise InvalidInput if one change of a column brings the poses near those of the file's geometry."""
+    """Raise InvalidInput if a recording fits the file's geometry once one column is changed.
+
+    Changes are those of `refuse_mistaken_columns`, such as another sign or unit.
+    """
     max_instants = 24  # each change needs the poses at all of them
     n_a = geometry.model.n_a
-    poses: dict[bytes, Array] = {}  # by the motors' positions, which most changes leave
+    poses: dict[bytes, Array] = {}  # (T, nq) by the motors' positions, which most changes leave as they are
 
     def misfit(recording: Recording) -> float:
         """Compute the mean squared offset of measurements from the model, over their squared spread."""
-        measured = select_measurements(geometry, recording, noise)
+        measured = select_measurements(geometry, recording, noise)  # values (T, m), the motors' n_a first
         motors = measured.values[:, :n_a].tobytes()
         if motors not in poses:
             poses[motors] = _solve_poses(geometry.model, measured)
-        placed = place_fixtures(geometry, measured, poses[motors])
-        frames = frames_at(geometry.model, poses[motors])
-        offset = measurement_offsets(placed, geometry.model, measured, frames, np.zeros(len(placed.names)))[0]
+        q = poses[motors]
+        placed = place_fixtures(geometry, measured, q)
+        unchanged = np.zeros(len(placed.names))  # the parameters are those of the file
+        offset, *_ = measurement_offsets(
+            placed, geometry.model, measured, frames_at(geometry.model, q), unchanged
+        )
         spread = measured.values.std(axis=0)  # (m,)
-        touches = [name.startswith(TOUCH) for name in measured.names]
-        spread[touches] = geometry.robot.length  # they are all about zero
-        squares = [np.mean((part / measured.noise)[..., n_a:] ** 2) for part in (offset, spread)]
-        return float(squares[0] / squares[1])
+        is_touch = [name.startswith(TOUCH) for name in measured.names]
+        spread[is_touch] = geometry.robot.length  # in place of their own, as touches are about zero
+        offset_square = np.mean((offset / measured.noise)[:, n_a:] ** 2)
+        spread_square = np.mean((spread / measured.noise)[n_a:] ** 2)
+        return float(offset_square / spread_square)
 
     some = data.rows(slice(None, None, max(1, len(data) // max_instants)))
     refuse_mistaken_columns(some, ("motor_angle", "joint", "platform", "distance"), misfit)

@@ -112,7 +112,7 @@ def _columns_of(names: Sequence[str], column: str, option: str) -> list[int]:
 
 
 def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
-    """Yield single changes of columns of some kinds that people forget: unit, sign, exchange."""
+    """Yield changes of columns of some kinds that people forget: unit, sign, exchange, whole motors."""
     for kind in kinds:
         names = [name for name in data.names if _kind_of(name) == kind]
         for column in [kind, *names] if len(names) > 1 else names:
@@ -122,6 +122,13 @@ def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
             if kind != "time":
                 yield Conversions(signs={column: -1.0})
         yield from (Conversions(swaps={one: other}) for one, other in combinations(names, 2))
+    if "torque" in kinds:  # a motor that turns the other way, or two whose plugs are exchanged
+        motors = [name.removeprefix("torque_") for name in data.names if _kind_of(name) == "torque"]
+        pairs = {joint: (f"motor_angle_{joint}", f"torque_{joint}") for joint in motors}
+        for pair in pairs.values():
+            yield Conversions(signs=dict.fromkeys(pair, -1.0))
+        for one, other in combinations(motors, 2):
+            yield Conversions(swaps=dict(zip(pairs[one], pairs[other], strict=True)))
 
 
 def refuse_mistaken_columns(

@@ -35,7 +35,7 @@ from framework.identification.identify import Identification, IdentifiedQuantity
 from framework.identification.least_squares import posterior_root
 from framework.identification.measured_motion import MIN_SAMPLES
 from framework.identification.recording import Recording, Sensors, record_sensors
-from framework.identification.unknowns import choose_unknowns, is_determined
+from framework.identification.unknowns import choose_unknowns, is_narrowed
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics, motors_are_free
 from framework.kinematics.continuation.tracking import assemble
@@ -116,8 +116,8 @@ class Excitation(ReadOnlyArrays):
 
     @property
     def shown(self) -> tuple[IdentifiedQuantity, ...]:
-        """The quantities that the simulated recording determines."""
-        return tuple(quantity for quantity in self.identification.quantities if quantity.determined)
+        """The quantities that the simulated recording shows."""
+        return tuple(quantity for quantity in self.identification.quantities if quantity.shown)
 
     @property
     def refusal(self) -> NoAnswer | None:
@@ -360,7 +360,7 @@ def _search(
             step *= success**-0.25  # one success in five keeps its size
         if step < least_step:  # stuck at a limit
             step = largest_step
-    shown = is_determined(shares, np.ones(len(shares)))
+    shown = is_narrowed(shares, np.ones(len(shares)))
     return z, best.q, float(np.exp(np.mean(np.log(first[shown] / shares[shown])))) if shown.any() else 1.0
 
 

@@ -233,7 +233,7 @@ def _dependent_dimensions(
         moves, lengthenings = np.split(change, [6 * len(joints)])
         dependent = [joint for joint, move in zip(joints, moves.reshape(-1, 6), strict=True) if move.any()]
         dependent += [closure for closure, longer in zip(lengths, lengthenings, strict=True) if longer]
-        if not dependent or _other_geometry(changed) != _other_geometry(description):
+        if not dependent or _uncalibrated_geometry(changed) != _uncalibrated_geometry(description):
             what = "gear ratios, axes or couplings too" if dependent else "no joint origin and no length"
             raise InvalidInput(
                 f"{description.name}: the parameter {name} changes {what}; calibrate joints in its place"
@@ -242,12 +242,13 @@ def _dependent_dimensions(
     return [name for name in (*joints, *lengths) if name in depend]
 
 
-def _other_geometry(description: RobotDescription) -> object:
-    """Return all that decides poses besides joint origins and lengths of closures."""
+def _uncalibrated_geometry(description: RobotDescription) -> tuple[object, ...]:
+    """Return all that decides poses besides joint origins and lengths of closures, for comparison."""
     tree = read_tree(fromstring(description.urdf_text))
     axes = [(joint.name, *joint.axis.tolist()) for joint in tree.joints.values()]
     gears = [(motor.joint, motor.gear_ratio) for motor in description.actuators]
-    closures = [replace(closure, length=closure.length and 1.0) for closure in description.closures]
+    # a length is left out, but not whether a closure has one
+    closures = [replace(each, length=None if each.length is None else 1.0) for each in description.closures]
     return axes, gears, closures, description.couplings, description.platform
 
 

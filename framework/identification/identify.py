@@ -36,7 +36,7 @@ from framework.identification.measured_motion import measured_motion
 from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.identification.torque_rows import TorqueRows, torque_rows
-from framework.identification.unknowns import PAYLOAD, Unknowns, choose_unknowns, is_determined
+from framework.identification.unknowns import PAYLOAD, Unknowns, choose_unknowns, is_narrowed, rests_on_data
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
@@ -56,8 +56,9 @@ class IdentifiedQuantity(NamedTuple):
     value: float
     deviation: float
     file: float
-    determined: bool  # the data leave less than DETERMINED_SHARE of the prior's deviation
+    determined: bool  # the data show it, and their noise makes most of the deviation
     alone: bool  # exciting motions determine it apart from all else that is asked
+    shown: bool  # the data leave less than NARROWED_SHARE of the prior's deviation
 
 
 class Prediction(NamedTuple):
@@ -77,7 +78,8 @@ class Identification(ReadOnlyArrays):
         values, deviations: (rank,) base parameters estimated from the data, with a prior about the file, and
             their standard deviations. Parameters that were not asked for keep the file's values, with the
             deviation 0.
-        determined: (rank,) whether the data leave less than DETERMINED_SHARE of the prior's deviation.
+        determined: (rank,) whether the data leave less than NARROWED_SHARE of the prior's deviation, most of
+            which is their noise.
         parameters: (p,) the most probable values of `base.parameters` that bodies can have, by the data and
             a prior about the file. Those that the data do not show stay near the file's values.
         quantities: masses, centres of mass, inertias about these centres, rotors and friction.
@@ -292,17 +294,20 @@ def identify(
     estimated = estimate(rows, unknowns.design, base.values, errors)
     possible = fit_possible_parameters(robot, links, unknowns, estimated)
     change = possible.values - links.values
-    deviations = np.linalg.norm(unknowns.design @ estimated.spread, axis=1)
+    spread = unknowns.design @ estimated.spread  # (rank, k)
+    deviations = np.linalg.norm(spread, axis=1)
+    by_file = np.linalg.norm(spread @ estimated.spread.T, axis=1)
+    by_prior = np.linalg.norm(unknowns.design, axis=1)
     return Identification(
         robot=robot,
         base=base,
         values=base.values + unknowns.design @ estimated.values,
         deviations=deviations,
-        determined=is_determined(deviations, np.linalg.norm(unknowns.design, axis=1)),
+        determined=is_narrowed(deviations, by_prior) & rests_on_data(deviations, by_file),
         parameters=base.described.values + links.to_parameters @ change,
         links=links,
         link_values=possible.values,
-        quantities=_describe(robot, links, unknowns, possible),
+        quantities=_describe(robot, links, unknowns, possible, estimated.spread),
         predictions=_compare(robot, base, links, rows, test, possible, estimated, errors, only),
         noise=estimated.noise,
         steps=_torque_steps(measured.torque),
@@ -412,13 +417,20 @@ BODY_QUANTITIES = {
 
 
 def _describe(
-    robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, possible: PossibleParameters
+    robot: ParallelRobot,
+    links: LinkParameters,
+    unknowns: Unknowns,
+    possible: PossibleParameters,
+    spread: Array,
 ) -> tuple[IdentifiedQuantity, ...]:
     """Return masses, centres, central inertias and motor parameters, with deviations.
 
     The covariance S S' of the parameters gives that of their quantities, J S S' J', with J by differences.
     Even without noise torques leave `Unknowns.hidden` open: a quantity is shown alone if it hardly varies
     there.
+
+    Args:
+        spread: (k, k) a root of the covariance of the unknowns.
     """
     table: list[tuple[str, str]] = []  # names and units of the u quantities
     table += [(f"{link}.{name}", unit) for link in links.links for name, unit in BODY_QUANTITIES.items()]
@@ -431,14 +443,14 @@ def _describe(
     steps = 1e-6 * np.linalg.norm(links.prior_root, axis=1) + np.finfo(float).tiny  # (u,)
     changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
     J = changes.T / steps  # (u, u)
-    # (u,) deviations by data and prior, by the prior, and by what no motion shows
-    roots = (possible.spread, unknowns.prior_root, unknowns.hidden)
-    deviations, by_prior, left = (np.linalg.norm(J @ root, axis=1) for root in roots)
-    determined, alone = is_determined(deviations, by_prior), is_determined(left, by_prior)
+    # (u,) deviations by data and prior, by the prior, by what no motion shows, and by errors of the file
+    from_file = np.hstack([unknowns.shown @ spread @ spread.T, unknowns.hidden])
+    roots = (possible.spread, unknowns.prior_root, unknowns.hidden, from_file)
+    deviations, by_prior, left, by_file = (np.linalg.norm(J @ root, axis=1) for root in roots)
+    shown = is_narrowed(deviations, by_prior)
+    flags = np.column_stack([shown & rests_on_data(deviations, by_file), is_narrowed(left, by_prior), shown])
     return tuple(
-        IdentifiedQuantity(
-            *table[k], values[k], deviations[k], in_file[k], bool(determined[k]), bool(alone[k])
-        )
+        IdentifiedQuantity(*table[k], values[k], deviations[k], in_file[k], *flags[k].tolist())
         for k in np.flatnonzero(by_prior)
     )
 
@@ -465,7 +477,7 @@ def _refuse_mistaken_columns(
 ) -> None:
     """Raise InvalidInput if one change of a column brings the torques near what the file's bodies need."""
     max_instants = 100
-    max_factor = 4.0  # of the masses in the file
+    max_factor = 4.0  # by which all masses in the file may be off, in either direction
     min_moving = 0.2  # share of the equations at instants whose motors move
     from scipy.optimize import lsq_linear  # slow to import
 
@@ -474,14 +486,16 @@ def _refuse_mistaken_columns(
     bodies[-3 * robot.n_a :] = 0.0
     of_motors = np.eye(len(bodies))[:, -3 * robot.n_a :]
     columns = base.combinations.coefficients @ np.column_stack([bodies, of_motors])  # (rank, 1 + 3 n_a)
-    known: dict[bytes, TorqueRows] = {}  # by the motion, which changes of the torques leave
-    is_motion = [not name.startswith("torque_") for name in data.names]
+    known: dict[object, TorqueRows] = {}  # by the motion, which changes of the torques leave
+    is_motion = np.array([not name.startswith("torque_") for name in data.names])
     stride = max(1, len(data) // max_instants)
+    lowest = np.append(1.0 / max_factor, np.zeros(3 * robot.n_a))
     highest = np.append(max_factor, base.described.sizes[-3 * robot.n_a :])
 
     def misfit(recording: Recording) -> float:
         """Compute the squared misfit of the torques to this model, over the squared torques."""
-        moving = recording.values[:, is_motion].tobytes()
+        names = np.array(recording.names)[is_motion]
+        moving = (*names, recording.values[:, is_motion].tobytes())
         rows = known.get(moving)
         if rows is None or robot.n_a > robot.n:
             measured = measured_motion(robot, recording, poses=poses, start=start, stride=stride)
@@ -493,6 +507,6 @@ def _refuse_mistaken_columns(
         sizes = np.sqrt(np.mean(rows.torque**2, axis=0))  # (n_a,)
         matrix = (rows.matrix @ columns / sizes[:, None])[rows.valid]
         right = ((rows.torque - rows.constant) / sizes)[rows.valid]
-        return float(2.0 * lsq_linear(matrix, right, bounds=(0.0, highest)).cost / (right @ right))
+        return float(2.0 * lsq_linear(matrix, right, bounds=(lowest, highest)).cost / (right @ right))
 
     refuse_mistaken_columns(data, ("time", "motor_angle", "torque"), misfit)

@@ -14,10 +14,6 @@ evaluated at the corrected motion, and z is eliminated (Gauss-Newton steps of a 
 variables; Fuller, "Measurement Error Models", 1987, section 3.2). The mean of z would take noise of the
 motors too, so that their noise is what z leaves that is drawn from its distribution.
 
-The corrected motion still has errors, whose rows E add their own information E' E to the information A' A of
-rows A. With A = Q R and the singular values e and right vectors V of E R^-1, the corrected equations are
-diag(1 - e^2) V' R parameters = V' (Q' b), without those that are half noise or more.
-
 Errors of the torque sensors that are constant through a recording are unknowns with normal priors: a share of
 each torque (`scale`), an offset, and a delay of all torques. QR of the equations with the columns of these
 errors first eliminates the errors: R of the other columns is the root of their information.
@@ -101,78 +97,54 @@ def estimate(
     matrix = rows.matrix @ augmented  # (T, n_a, 1 + k)
     response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, signals, 1 + k)
     predicted = rows.torque
-    # errors z of the motion, and what is added to these when z is drawn from its distribution
-    corrections = draw = np.zeros(motion.angles.shape[1])
+    corrections = np.zeros(motion.angles.shape[1])  # errors z of the motion
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
     size = np.zeros(n_a)  # of the noise
     for _ in range(max_passes):
-        # the equations at the corrected motion, with all errors
+        # the equations at the corrected motion, its errors eliminated
         corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + k)
-        spurious = motion.change(response, draw)[..., 1:]
         sensors, deviations = _sensor_columns(rows, predicted, errors)
         misfit = rows.torque - rows.constant - matrix @ factors
-        columns = np.concatenate([spurious, sensors, corrected[..., 1:], misfit[..., None]], axis=2)
+        columns = np.concatenate(
+            [sensors, corrected[..., 1:], misfit[..., None]], axis=2
+        )  # (T, n_a, s + k + 1)
         slopes = motion.torques(response @ factors)  # (T n_a, z)
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
-        solution = _solve_equations(reduced.rows, factors[1:], deviations)
+        # the triangle R of sensors' errors, whose mean is 0, then unknowns and the right side; without the
+        # prior about the unknowns, data that show little would lead them far off
+        s = len(deviations)
+        prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, k + 1))])
+        R = np.asarray(np.linalg.qr(np.concatenate([prior, reduced.rows]), mode="r"))
+        root = R[s:-1, s:-1]  # (k, k) of the unknowns' information
+        spread = posterior_root(root)
+        values = spread @ (spread.T @ (root.T @ (R[s:-1, -1] + root @ factors[1:])))
+        step = values - factors[1:]  # (k,)
+        sensor_errors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ step)  # (s,)
 
         # the noise is what this solution leaves
-        step = solution.values - factors[1:]  # (k,)
-        factors = np.append(1.0, solution.values)
+        factors = np.append(1.0, values)
         predicted = rows.constant + matrix @ factors
-        corrections = reduced.corrections @ np.r_[np.zeros(k), -solution.sensors, -step, 1.0]
-        draw = reduced.draw
-        residual = misfit - sensors @ solution.sensors - corrected[..., 1:] @ step  # (T, n_a)
-        noise = residual - (slopes @ (corrections + draw)).reshape(T, n_a)
+        corrections = reduced.corrections @ np.r_[-sensor_errors, -step, 1.0]
+        residual = misfit - sensors @ sensor_errors - corrected[..., 1:] @ step  # (T, n_a)
+        noise = residual - (slopes @ (corrections + reduced.draw)).reshape(T, n_a)
         noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
         if rows.independent == 1.0:  # else motors repeat one another
             unmix = _unmixing(noise, rows.valid, noise_filters)
         size_before, size = size, np.sqrt(np.sum(noise**2 * rows.valid, axis=0))
         is_same = np.abs(size - size_before) <= same_noise * size_before
-        if is_same.all() and np.linalg.norm(np.linalg.solve(solution.spread, step)) < converged:
+        if is_same.all() and np.linalg.norm(np.linalg.solve(spread, step)) < converged:
             break
     return Estimate(
-        values=solution.values,
-        spread=solution.spread,
+        values=values,
+        spread=spread,
         noise=np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1)),
-        offset=solution.sensors[len(deviations) - n_a :] if errors.get("offset") else np.zeros(n_a),
+        offset=sensor_errors[s - n_a :] if errors.get("offset") else np.zeros(n_a),
         order=max(map(len, noise_filters)) - 1,
         equations=count,
     )
-
-
-class _Solution(NamedTuple):
-    """Most probable unknowns and errors of sensors."""
-
-    values: Array  # (k,) unknowns
-    spread: Array  # (k, k) S, where S S' is their covariance
-    sensors: Array  # (s,) errors
-
-
-def _solve_equations(rows: Array, before: Array, deviations: Array) -> _Solution:
-    """Solve equations with independent unit noise for the errors of sensors and k unknowns.
-
-    Without the prior about the unknowns, data that show little would lead them far off, where the errors of
-    the motion explain all.
-
-    Args:
-        rows: (N, k + s + k + 1) spurious derivatives by the unknowns, derivatives by errors of sensors and by
-            the unknowns, and the right side.
-        before: (k,) unknowns for which these are.
-        deviations: (s,) of the sensors' errors, whose mean is 0.
-    """
-    k, s = len(before), len(deviations)
-    E, A_and_b = np.split(rows, [k], axis=1)
-    prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, k + 1))])
-    R = np.asarray(np.linalg.qr(np.concatenate([prior, A_and_b]), mode="r"))
-    root, right = _remove_noise(R[s:-1, s:-1], R[s:-1, -1], E)
-    spread = posterior_root(root)
-    values = spread @ (spread.T @ (root.T @ (right + root @ before)))
-    sensors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ (values - before))
-    return _Solution(values, spread, sensors)
 
 
 class _Reduced(NamedTuple):
@@ -225,23 +197,6 @@ class _MotionErrors(NamedTuple):
         z = factor.solve(torques.T @ columns)  # (m k, c)
         draw = factor.solve(torques.T @ e + self.angles.T @ e_angles)
         return _Reduced(np.concatenate([columns - torques @ z, self.angles @ z]), z, draw)
-
-
-def _remove_noise(R: Array, right: Array, E: Array) -> tuple[Array, Array]:
-    """Correct the equations R parameters = right (f,) for the information of the spurious rows E (N, f).
-
-    Equations with a share of noise above `most` of their information become zero.
-    """
-    most = 0.5
-    lengths = np.linalg.norm(R, axis=0)
-    lengths[lengths == 0.0] = 1.0
-    inverse = np.linalg.pinv(R / lengths, rcond=RANK_ROUNDING)
-    triangle = np.linalg.qr(E / lengths, mode="r")
-    _, e, V_rows = np.linalg.svd(triangle @ inverse)
-    share = np.zeros(len(R))
-    share[: len(e)] = e**2
-    seen = share < most
-    return np.where(seen, 1.0 - share, 0.0)[:, None] * (V_rows @ R), np.where(seen, V_rows @ right, 0.0)
 
 
 def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, float]) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -203,12 +204,11 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
             offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
             return float(_motor_distances(robot, offset).max())
 
-        poses: list[Array] = []
+        q = robot.reference.q
         with suppress(NoAnswer):
-            poses.append(assemble(robot, x).q)
-        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
-            poses += [mode.q for mode in working_modes(robot, x).modes]
-        q = min(poses, key=misfit, default=robot.reference.q)
+            q = assemble(robot, x).q
+        if misfit(q) > MAX_MOTOR_MISFIT:
+            q = min(_pose_modes(robot, tuple(x.tolist())), key=misfit, default=q)
         if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
             return robot
     else:
@@ -216,6 +216,12 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
     frames = frames_at(robot, q[None])
     pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
     return replace(robot, reference=pose)
+
+
+@lru_cache(maxsize=4)
+def _pose_modes(robot: ParallelRobot, x: tuple[float, ...]) -> tuple[Array, ...]:
+    """Find the poses (nq,) of all working modes at platform coordinates x (n,)."""
+    return tuple(mode.q for mode in working_modes(robot, np.array(x)).modes)
 
 
 # ------------------------------------------------------------------ smoothing
@@ -391,7 +397,8 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
     return Type2Singularity(
         f"the recorded motors pass a Type 2 singularity or come near one beside {robot.place(x)}, where they "
         "do not determine how the robot continues; the poses must come from the measured platform "
-        f"(platform_{robot.axis_names[0]} ...), or the motion begins elsewhere than the reference (--start)",
+        f"(platform_{robot.axis_names[0]} ...), or the motion begins elsewhere than the reference (--start), "
+        "or a zero is off (--zero)",
         name=robot.name,
         q=q,
         residual=residual,

@@ -17,7 +17,7 @@ from framework.errors import InvalidInput, check_choice
 from framework.identification.base_parameters import OF_MOTORS, BaseParameters, LinkParameters
 from framework.kinematics.mechanism import frame_index
 from framework.numerics.arrays import Array, BoolArray, IntArray
-from framework.tolerances import DETERMINED_SHARE, EIGENVALUE_ROUNDING
+from framework.tolerances import EIGENVALUE_ROUNDING, FILE_SHARE, NARROWED_SHARE
 
 GROUPS = {
     "friction": (".friction", ".damping"),
@@ -39,9 +39,18 @@ class Unknowns(NamedTuple):
         return np.hstack([self.shown, self.hidden])
 
 
-def is_determined(deviations: Array, by_prior: Array) -> BoolArray:
-    """Return whether data determine quantities, by deviations over prior ones above zero."""
-    return np.asarray(deviations < DETERMINED_SHARE * by_prior)
+def is_narrowed(deviations: Array, by_prior: Array) -> BoolArray:
+    """Return whether data show quantities: deviations far below those by the file alone."""
+    return np.asarray(deviations < NARROWED_SHARE * by_prior)
+
+
+def rests_on_data(deviations: Array, by_file: Array) -> BoolArray:
+    """Return whether the noise of data makes most of the variance of estimates.
+
+    With independent unit normals as prior and the covariance S S' after the data, the file's own error has
+    the part S S' of an estimate's error: `by_file` are the lengths of a S S', deviations those of a S.
+    """
+    return np.asarray(by_file**2 < FILE_SHARE * deviations**2)
 
 
 def choose_unknowns(

@@ -161,11 +161,15 @@ class _Group:
         return np.concatenate(rows)[:, self.columns]
 
     def miss(self, u: Array) -> Array:
-        """Compute the offset (n,) of the platform from its target [robot lengths, rad]; none without one."""
+        """Compute the offset (n,) [robot lengths, rad] of the platform from its target at u (k,).
+
+        Without a target it is empty.
+        """
         if self.platform is None or self.target is None:
             return np.empty(0)
-        offset = self.platform.residual(self._frames(u), self.target[None])[0]
-        return offset / self.mechanism.unit_lengths(~self.platform.translations)
+        offset = self.platform.residual(self._frames(u), self.target[None])[0]  # (n,) [m, rad]
+        is_rotation = ~self.platform.translations
+        return offset / self.mechanism.unit_lengths(is_rotation)
 
     def miss_slope(self, u: Array) -> Array:
         """Compute the derivative (n, k) of `miss` along u."""

@@ -26,6 +26,7 @@ rotation vector from the start of the branch has no component along the axis. No
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -113,6 +114,14 @@ class NewtonResult(NamedTuple):
     closed: BoolArray  # (T,) whether the last step was below `enough`
 
 
+class LastSteps(NamedTuple):
+    """Instants at which Newton's method has closed the loops."""
+
+    instants: IntArray  # (k,) their indices
+    linearised: LinearisedLoops  # where their last steps began, which are below `enough`
+    are_taken: bool  # whether these steps were taken; false if all are rounding
+
+
 def close_each(
     robot: ParallelRobot,
     x: Array | None,
@@ -122,64 +131,78 @@ def close_each(
     farthest: float = np.inf,
     enough: float = NEWTON_STEP,
 ) -> NewtonResult:
-    """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
+    """Close the loops near guesses (T, nq) as `close_in_place`, and linearise them at the last iterates."""
+    q = guess.copy()
+    closed = np.zeros(len(q), dtype=bool)
+    linearised = None
+    for last in close_in_place(robot, x, q, iterations=iterations, farthest=farthest, enough=enough):
+        closed[last.instants] = True
+        if not last.are_taken and len(last.instants) == len(q):
+            linearised = last.linearised
+    return NewtonResult(q, linearised or linearised_at(robot, q, x), closed)
+
+
+def close_in_place(
+    robot: ParallelRobot,
+    x: Array | None,
+    q: Array,
+    *,
+    iterations: int = MAX_ITERATIONS,
+    farthest: float = np.inf,
+    enough: float = NEWTON_STEP,
+) -> Iterator[LastSteps]:
+    """Close the loops near q (T, nq) by Newton's method, in place; yield the instants that close.
 
     At platform coordinates x (T, n) all joints move; if x is None only the passive joints do. Springs keep
-    the deflections of the guess. Steps are scaled down to `MAX_NEWTON_STEP`. An instant where the equations
-    are singular, or where a step is too large, is dropped as not `closed`, and the others go on, each up to
-    its own last step.
+    their deflections. Steps are scaled down to `MAX_NEWTON_STEP`. An instant where the equations are
+    singular, or where a step is too large, is dropped and not yielded, and the others go on, each up to its
+    own last step.
 
     Args:
         x: (T, n) platform coordinates, or None.
-        guess: (T, nq) configurations; the array is not changed.
+        q: (T, nq) configurations.
         iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
         enough: a step below it is the last one [rad, lengths of the robot].
     """
     columns = robot.following if x is None else robot.moving  # of the joints that move
     units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
-    q = guess.copy()
-    closed = np.zeros(len(q), dtype=bool)
     inputs = q if x is None else np.concatenate([q, x], axis=1)
     # indices of the instants that still take steps, at first those with finite inputs
-    (live,) = np.isfinite(inputs).all(axis=1).nonzero()
-    step_size = np.full(len(live), np.inf)  # largest entry of each live instant's last step [rad, lengths]
-    longest = np.inf  # of these, if any
-    for iteration in range(iterations + 1):
+    live = np.flatnonzero(np.isfinite(inputs).all(axis=1))
+    for iteration in range(iterations):
+        if not len(live):
+            return
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
-        if iteration == iterations or longest < enough:
-            break
-
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
             live = live[regular]
-            step_size = np.full(len(live), np.inf)
-            longest = np.inf if len(live) else 0.0
             continue
 
         # drop the instants whose steps are too large
         steps = steps / units
-        step_size = np.abs(steps).max(axis=1, initial=0.0)
-        if farthest < np.inf:
+        step_size = np.abs(steps).max(axis=1, initial=0.0)  # largest entry of each step [rad, lengths]
+        longest = step_size.max(initial=0.0)
+        if longest > farthest:
             is_near = step_size <= farthest
             live, step_size, steps = live[is_near], step_size[is_near], steps[is_near]
-        longest = step_size.max(initial=0.0)
+            linearised = linearised.select(np.flatnonzero(is_near))
+            longest = step_size.max(initial=0.0)
         if longest < ROUNDING_STEP:
-            break
+            yield LastSteps(live, linearised, are_taken=False)
+            return
 
         # scale long steps down, then take all of them
         steps /= np.maximum(step_size / MAX_NEWTON_STEP, 1.0)[:, None]
         q[live] = integrate_columns(robot, q[live], columns, steps * units)
-        if len(live) > SMALL_STACK and longest >= enough:
-            is_last = step_size < enough
-            if np.count_nonzero(is_last) > 0.5 * len(live):  # the others go on alone
-                closed[live[is_last]] = True
-                live, step_size = live[~is_last], step_size[~is_last]
-
-    closed[live] = step_size < enough
-    if len(live) < len(q):  # the last `linearised` lacks the instants that have ended earlier
-        linearised = linearised_at(robot, q, x)
-    return NewtonResult(q, linearised, closed)
+        if longest < enough:
+            yield LastSteps(live, linearised, are_taken=True)
+            return
+        is_last = step_size < enough
+        # most instants of a large stack leave when they close, and the others go on alone
+        if iteration == iterations - 1 or np.count_nonzero(is_last) > 0.5 * max(len(live), SMALL_STACK):
+            yield LastSteps(live[is_last], linearised.select(np.flatnonzero(is_last)), are_taken=True)
+            live = live[~is_last]
 
 
 def _newton_steps(

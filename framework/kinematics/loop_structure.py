@@ -41,6 +41,7 @@ from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, Rea
 from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, RANK_LOST, RANK_ROUNDING
 
+DISTANCE_APART = 0.5  # [rad, robot lengths] of poses whose loops differ by more than rounding
 ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
 
 
@@ -177,12 +178,11 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
 def jacobians_apart(mechanism: Mechanism, reference: Array) -> list[Array]:
     """Compute dimensionless Jacobians (rows + rounded, nv) of the loops at the reference and poses apart.
 
-    Poses about 0.5 rad or lengths apart tell combinations of rows that change from pose to pose, also to
+    Poses DISTANCE_APART tell combinations of rows that change from pose to pose, also to
     third order only, from those that rounded dimensions leave.
     """
-    distance = 0.5  # [rad, robot lengths]
     rows = mechanism.rows.append(mechanism.rounded)
-    poses = [reference, *nearby_configurations(mechanism, reference, distance=distance)]
+    poses = [reference, *nearby_configurations(mechanism, reference, distance=DISTANCE_APART)]
     return list(scaled_equations(mechanism, rows, frames_at(mechanism, np.stack(poses))).jacobian)
 
 

@@ -35,6 +35,7 @@ from framework.model.urdf_edits import insert_springs
 from framework.model.urdf_elements import ParsedRobot, read_tree
 from framework.model.visuals import read_visuals, visual_model
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
+from framework.tolerances import SAME_PLACE
 
 MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
@@ -357,8 +358,9 @@ class Mechanism(ReadOnlyArrays):
         return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
 
     def printed_reference(self, q: Array) -> dict[str, float]:
-        """Return q (nq,) as a `reference` at the six digits that messages print."""
-        return {name: float(f"{value:.6g}") for name, value in self.reference_values(q).items()}
+        """Return q (nq,) as a `reference` at the six digits that messages print, rounding as zero."""
+        values = self.reference_values(q)
+        return {name: float(f"{v:.6g}") if abs(v) > SAME_PLACE else 0.0 for name, v in values.items()}
 
     def with_nearby_pose(self, q: Array) -> Self:
         """Return the mechanism with the pose q (nq,) in the place of its file's reference."""

@@ -83,7 +83,7 @@ class ParallelRobot(Mechanism):
             served = [pose for pose in refusal.poses if advises and cls._serves(mechanism, pose)]
             raise SingularReference(
                 mechanism.name, rows=refusal.rows, joints=refusal.joints, poses=served
-            ) from None
+            ).advising({"reference": served[0]} if served else None) from None
         apart = jacobians_apart(mechanism, closed.q)
         structure = LoopStructure.from_matrices(mechanism, passive, matrices, apart)
         moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])

@@ -272,21 +272,21 @@ class Law(ReadOnlyArrays, PlannedLaw):
                 [0, duration]; or conditions contradict or repeat each other.
         """
         check_duration(duration)
-        for time, order, value in conditions:
-            if not (is_number(value) and is_number(time) and 0 <= time <= duration):
-                raise InvalidInput(
-                    f"condition s^({order})({time!r}) = {value!r} must be finite and inside "
-                    f"[0, {duration:g}] s"
-                )
+        times = real_numbers("conditions", [time for time, *_ in conditions])  # (k,) [s]
+        orders = [order for _, order, _ in conditions]
+        stated = real_numbers("conditions", [value for *_, value in conditions])  # (k,) [1/s^order]
+        is_valid = np.isfinite(stated) & (times >= 0.0) & (times <= duration)
+        if not is_valid.all():
+            time, order, value = conditions[int(is_valid.argmin())]
+            raise InvalidInput(
+                f"condition s^({order})({time!r}) = {value!r} must be finite and inside [0, {duration:g}] s"
+            )
         scale = 2.0 / duration  # dx/dt of the normalised time x
-        rows, inverse, row_sizes = _condition_rows(
-            tuple((time * scale - 1.0, order) for time, order, _ in conditions)
-        )
-        orders = np.array([order for _, order, _ in conditions])
-        values = np.array([value for *_, value in conditions], np.longdouble) / scale**orders
+        x = times * scale - 1.0  # (k,)
+        rows, inverse, row_sizes = _condition_rows(tuple(zip(x.tolist(), orders, strict=True)))
+        values = stated.astype(np.longdouble) / scale ** np.array(orders)
         if len(high):  # what is left for the degrees below k
             given = np.concatenate([np.zeros(len(conditions)), high])
-            x = np.array([time * scale - 1.0 for time, *_ in conditions])
             polynomials = chebyshev.chebvander(x, len(given) - 1)  # (k, k + h)
             series = np.array([derivative_matrix(len(given), order) @ given for order in orders])
             values -= (polynomials * series).sum(axis=1)

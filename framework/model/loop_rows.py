@@ -246,14 +246,20 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
 
     `frames` are the names of the mechanism's frames.
     """
-    pairs, names = [], []  # of each pair of axes: both frames and the axis; the closure
+    first, second, axes, names = [], [], [], []  # of each pair of axes: both frames, the axis, the closure
     for closure in closures:
         free = _free_turns(closure)
-        if len(free) > 1:
+        if len(free) > 1:  # no axes stay parallel
             continue
-        # all rotations locked: if two axes of the frames are parallel, so are the third ones
-        for k in free or (0, 1):
-            pairs.append((*map(frames.index, closure.frames), k))
+        # the axis of a free turn stays parallel; without a free turn all axes do, and the third if two do
+        for k in free if free else (0, 1):
+            first.append(frames.index(closure.frames[0]))
+            second.append(frames.index(closure.frames[1]))
+            axes.append(k)
             names.append(closure.name)
-    first, second, axis = map(read_only, np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
-    return LockedDirections(first, second, axis, read_only(np.array(names, dtype=str)))
+    return LockedDirections(
+        read_only(np.array(first, dtype=np.intp)),
+        read_only(np.array(second, dtype=np.intp)),
+        read_only(np.array(axes, dtype=np.intp)),
+        read_only(np.array(names, dtype=str)),
+    )

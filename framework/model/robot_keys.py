@@ -292,7 +292,9 @@ class RobotReader:
         stated = mapping_of(record(_DYNAMICS_TABLE), read_name)(where, given)
         values: JointValues = {}
         # whole joints first, so that the entry of a coordinate overrides
-        for name in sorted(stated, key=lambda name: name not in whole_joints):
+        names = [name for name in stated if name in whole_joints]
+        names += [name for name in stated if name not in whole_joints]
+        for name in names:
             entry = {key: value for key, value in stated[name].items() if value is not None}
             if name not in joints and "armature" in entry:
                 key = below(below(where, name), "armature")

@@ -186,15 +186,11 @@ class TimeFunction(ReadOnlyArrays):
         values = np.empty((flat.size, self.coefficients.shape[2]))
         for p in set(panel.tolist()):
             inside = panel == p
-            values[inside] = self._evaluate_panel(p, flat[inside], order)
+            half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
+            local = (flat[inside] - self.edges[p]) / half_width - 1.0  # in [-1, 1]
+            series = derivative_matrix(self.coefficients.shape[1], order) @ self.coefficients[p]
+            values[inside] = evaluate(local.clip(-1.0, 1.0), series) / half_width**order
         return values.reshape(*times.shape, self.coefficients.shape[2])
-
-    def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
-        """Compute values (T, k) of the time derivative of `order` at t (T,) on panel p."""
-        half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
-        local = (t - self.edges[p]) / half_width - 1.0
-        series = derivative_matrix(self.coefficients.shape[1], order) @ self.coefficients[p]
-        return evaluate(local.clip(-1.0, 1.0), series) / half_width**order
 
     @property
     def tail(self) -> float:

@@ -40,7 +40,7 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
 from framework.planning.request import DRIVE_OPTIONS, SMOOTHNESS, specification_of
-from framework.planning.result import CrossingPlan
+from framework.planning.result import Crossing, CrossingPlan
 from framework.tolerances import AT_REST, SEAM_JUMP, SEAM_JUMP_GROWTH
 
 END_SAMPLES = 1001  # of a chain, for the largest speed of its motors
@@ -160,7 +160,8 @@ class DepartingCurve:
 
         The motion is x, x', x", ... With p' = x'/v as long as the way w to the goal, the law takes what of
         x", ... is along p', and the curve begins as c(s) = x + p' s + p" s^2 / 2 + ... with p", ... across
-        p'. A step h(s), flat at both ends, leads to the straight way to the goal: (1 - h) c + h (x + s w).
+        p'. A step h(s), flat at both ends, leads to the straight way to the goal:
+        (1 - h) c + h (x + s w) = c + h (x + s w - c).
 
         Raises:
             InvalidInput: the platform rests, or is at the goal.
@@ -174,20 +175,23 @@ class DepartingCurve:
             raise InvalidInput(
                 f"path: from {x.tolist()} to {goal.tolist()} the platform rests, or has no way to go"
             )
-        by_s, s_rates = [x, rates[0] / v], [np.array(v)]  # p, p', ...; s', s", ...
+        by_s = [x, rates[0] / v]  # p, p', ... (n,) each, by s
+        s_rates = [np.array(v)]  # s', s", ... by time
         tangent = by_s[1] / scale
         for order, rate in enumerate(rates[1:], start=2):
+            # rate = p' s^(order) + p^(order) s'^order + what lower orders give
             rest = rate - compose_derivatives([*by_s, np.zeros(robot.n)], [*s_rates, np.zeros(())])[order]
             s_rates.append((rest / scale) @ tangent / (tangent @ tangent))
             by_s.append((rest - by_s[1] * s_rates[-1]) / v**order)
+        # coefficients of s^k: h (h,) with h' ~ s^m (1 - s)^2, then c and x + s w - c (m, n)
         step = polynomial.polyint(polynomial.polymul([0.0] * len(rates) + [1.0], [1.0, -2.0, 1.0]))
-        step = step / step.sum()  # (h,) coefficients of s^k
-        curve = np.array(by_s) / [[factorial(k)] for k in range(len(by_s))]  # (m, n) likewise
+        step = step / step.sum()
+        curve = np.array(by_s) / [[factorial(k)] for k in range(len(by_s))]
         to_line = -curve
         to_line[:2] += [x, way]
         powers = np.zeros((len(step) + len(curve) - 1, robot.n))
         powers[: len(curve)] = curve
-        for k, share in enumerate(step):
+        for k, share in enumerate(step):  # the product of h and x + s w - c
             powers[k : k + len(curve)] += share * to_line
         return DepartingCurve(powers)
 
@@ -385,46 +389,69 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
     Args:
         friction: dry, of the motors (n_a,) [N m, N], motor side.
     """
-    first = path.pieces[0]
-
-    def join(functions: Sequence[TimeFunction]) -> TimeFunction:
-        """Join a function of time of all pieces."""
-        cut = [_cut_function(function, leave) for function, leave in zip(functions, path.leaves, strict=True)]
-        size = max(function.coefficients.shape[1] for function in cut)
-        edges = [start + function.edges[:-1] for function, start in zip(cut, path.starts, strict=False)]
-        padded = [
-            np.pad(function.coefficients, ((0, 0), (0, size - function.coefficients.shape[1]), (0, 0)))
-            for function in cut
-        ]
-        return TimeFunction(np.concatenate([*edges, [path.duration]]), np.concatenate(padded))
-
-    crossings = []
-    speed = 1.0 / path.duration
-    for plan, start, leave in zip(path.plans, path.starts.tolist(), path.leaves, strict=False):
-        for crossing in plan.crossings:
-            if crossing.time < leave:
-                time = start + crossing.time
-                s_motion = {"s": time * speed, "speed": speed, "acceleration": 0.0}
-                crossings.append(replace(crossing, time=time, condition=None, **s_motion))
-    motor_angles = join([piece.motor_angles for piece in path.pieces])
-    certificates = [asdict(piece.certificate) for piece in path.pieces]
-    worst = {name: max(each[name] for each in certificates) for name in certificates[0]}
-    totals = {name: sum(each[name] for each in certificates) for name in ("nodes", "passes")}
-    monotone = all(each["monotone"] for each in certificates)
-    speeds = np.abs(motor_angles(np.linspace(0.0, path.duration, END_SAMPLES), 1)).max(axis=1)
-    end_speed = float(speeds[[0, -1]].max() / speeds.max())
+    first, pieces = path.pieces[0], path.pieces
+    join = partial(_join_functions, path)
+    motor_angles = join([piece.motor_angles for piece in pieces])
     return replace(
         first,
         path=path,
         law=law,
-        torques=join([piece.torques for piece in path.pieces]),
+        torques=join([piece.torques for piece in pieces]),
         motor_angles=motor_angles,
-        deflections=join([piece.deflections for piece in path.pieces]),
-        deflection_rates=tuple(join([piece.deflection_rates[k] for piece in path.pieces]) for k in range(2)),
-        offsets=join([_offsets_from(first.origin, piece) for piece in path.pieces]),
-        crossings=tuple(crossings),
-        certificate=Certificate(**{**worst, **totals, "monotone": monotone, "end_speed": end_speed}),
+        deflections=join([piece.deflections for piece in pieces]),
+        deflection_rates=tuple(join([piece.deflection_rates[k] for piece in pieces]) for k in range(2)),
+        offsets=join([_offsets_from(first.origin, piece) for piece in pieces]),
+        crossings=_join_crossings(path),
+        certificate=_join_certificates(path, motor_angles),
         friction=PlannedFriction.from_speed(friction, partial(motor_angles, order=1), path.duration),
+    )
+
+
+def _join_functions(path: MotionPath, functions: Sequence[TimeFunction]) -> TimeFunction:
+    """Join a function of time, given on each of the pieces of a path, up to their leaves."""
+    cut = [_cut_function(function, leave) for function, leave in zip(functions, path.leaves, strict=True)]
+    size = max(function.coefficients.shape[1] for function in cut)
+    edges, coefficients = [], []
+    for function, start in zip(cut, path.starts[:-1], strict=True):
+        missing = size - function.coefficients.shape[1]  # of the highest degrees, which are zero
+        edges.append(start + function.edges[:-1])
+        coefficients.append(np.pad(function.coefficients, ((0, 0), (0, missing), (0, 0))))
+    return TimeFunction(np.concatenate([*edges, [path.duration]]), np.concatenate(coefficients))
+
+
+def _join_crossings(path: MotionPath) -> tuple[Crossing, ...]:
+    """Return the crossings of all pieces up to their leaves, at the s = t / duration of the path."""
+    crossings = []
+    speed = 1.0 / path.duration  # s' of a chain
+    for plan, start, leave in zip(path.plans, path.starts[:-1].tolist(), path.leaves, strict=True):
+        for crossing in plan.crossings:
+            if crossing.time < leave:
+                time = start + crossing.time
+                crossings.append(
+                    replace(
+                        crossing, time=time, s=time * speed, speed=speed, acceleration=0.0, condition=None
+                    )
+                )
+    return tuple(crossings)
+
+
+def _join_certificates(path: MotionPath, motor_angles: TimeFunction) -> Certificate:
+    """Return the worst numbers of all pieces' certificates, the sums of counts, and the speed at the ends.
+
+    Args:
+        motor_angles: (n_a) of the whole motion.
+    """
+    certificates = [piece.certificate for piece in path.pieces]
+    each = [asdict(certificate) for certificate in certificates]
+    worst: dict[str, Any] = {name: max(numbers[name] for numbers in each) for name in each[0]}
+    times = np.linspace(0.0, path.duration, END_SAMPLES)
+    speeds = np.abs(motor_angles(times, 1)).max(axis=1)  # (END_SAMPLES,)
+    return replace(
+        Certificate(**worst),
+        nodes=sum(certificate.nodes for certificate in certificates),
+        passes=sum(certificate.passes for certificate in certificates),
+        monotone=all(certificate.monotone for certificate in certificates),
+        end_speed=float(speeds[[0, -1]].max() / speeds.max()),
     )
 
 

@@ -107,13 +107,13 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     forces = PathForces.compute(branch, s, closed)
     # powers (4, nv) of each joint for alpha, beta, gamma and delta
     powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
-    values = powers.sum(axis=1)
+    values = powers.sum(axis=1)  # (4,)
 
-    # a coefficient that is small against the sum of the sizes of its terms is rounding
-    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds
+    # a coefficient that is small against the sum (4,) of the sizes of its terms is rounding
+    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds [rad, robot lengths]
     term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
     if deflection is not None:  # moving springs add to gamma and delta
-        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)
+        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)  # (2, nv)
         values[2:] += of_springs.sum(axis=1)
         term_sizes[2:] += np.abs(of_springs).sum(axis=1)
         # stiff springs add small terms, which are not rounding as long as s" has an effect
@@ -163,7 +163,7 @@ def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array
 
 
 def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Array:
-    """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta.
+    """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta of condition (8).
 
     Terms that cancel within one joint force do not show in the powers of the joints. An example is a payload
     on massless legs whose forces are all orthogonal to t_s. So these bounds let the mass of all bodies move
@@ -179,9 +179,11 @@ def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Arr
     tangent = np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max()  # [m] of dx/ds
     twist_size = np.abs(crossing.twist * units).max()  # [m] of t_s
 
+    along_path = robot.mass * tangent  # [kg m] force of inertia at s" = 1
+    centrifugal = robot.mass * robot.length * rate**2  # [kg m] the same at s' = 1
     load = robot.mass * np.linalg.norm(robot.model.gravity.linear)  # [N] weight and external wrenches
     for wrench in branch.wrenches.entries:
         force_and_moment = wrench(np.array([crossing.s])).reshape(2, 3)
         force, moment = np.linalg.norm(force_and_moment, axis=1)
         load += force + moment / robot.length
-    return twist_size * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])
+    return twist_size * np.array([along_path, centrifugal, load, 0.0])

@@ -69,28 +69,27 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
         NoLaw, UncontrolledMotions: no law can cross one of the singular points.
     """
     searched = searched.under(request.external_wrenches)
-    times, speeds, imposed = request.times, request.speeds, request.at  # None where left open
-    if imposed is None and times == ():
-        if speeds:
-            raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
-        return PathToCross(searched, (), explained)
-    count = len(searched.points if imposed is None else imposed)  # of the points to cross
-    for name, values in (("times", times), ("speeds", speeds)):
-        if values is not None and len(values) != count:
-            listed = ", ".join(f"{value:g}" for value in values)
-            are = "is" if count == 1 else "are"
-            counted = _count_points(searched.points, imposed)
-            raise InvalidInput(f"{name}: got {len(values)} ({listed}), but there {are} {counted}")
     branch = searched.branch
-    if imposed is None:
+    if request.at is None and request.times == ():
+        if request.speeds:
+            raise InvalidInput(
+                f"speeds: got {len(request.speeds)}, but times is empty: no crossing is asked for"
+            )
+        return PathToCross(searched, (), explained)
+    _check_counts(request, searched.points)
+    if request.at is None:
         for singular in searched.points:
             check_crossable(branch, singular)
-    chosen = searched.points if imposed is None else [imposed_point(branch, s) for s in imposed]
-    to_cross = tuple(replace(point, condition=coefficients_at(branch, point, None)) for point in chosen)
-    points = to_cross
-    if imposed is not None:
-        points = tuple(_with_imposed(point, to_cross) for point in searched.points)
-    return PathToCross(searched._replace(points=points), to_cross, explained)
+        points = tuple(_with_condition(branch, singular) for singular in searched.points)
+        return PathToCross(searched._replace(points=points), points, explained)
+    imposed = tuple(_with_condition(branch, imposed_point(branch, s)) for s in request.at)
+    points = tuple(_with_imposed(singular, imposed) for singular in searched.points)
+    return PathToCross(searched._replace(points=points), imposed, explained)
+
+
+def _with_condition(branch: Branch, point: SingularPoint) -> SingularPoint:
+    """Return a point with its condition (8), springs at rest."""
+    return replace(point, condition=coefficients_at(branch, point, None))
 
 
 def _with_imposed(singular: SingularPoint, imposed: Sequence[SingularPoint]) -> SingularPoint:
@@ -99,19 +98,24 @@ def _with_imposed(singular: SingularPoint, imposed: Sequence[SingularPoint]) -> 
     return replace(singular, condition=conditions[0]) if conditions else singular
 
 
-def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
-    """Return the number of points to cross, in words; list the s of singular points.
+def _check_counts(request: Request, points: Sequence[SingularPoint]) -> None:
+    """Refuse another number of times or speeds than of points to cross.
 
     Args:
-        points: the singular points.
-        imposed: s of the points imposed by the user; None if the singular points are to be crossed.
+        points: the singular points, which are to be crossed unless the request imposes others.
     """
-    if imposed is not None:
-        return f"{len(imposed)} imposed by `at`"
-    noun = "singular point" if len(points) == 1 else "singular points"
-    text = f"{len(points)} {noun} on the path"
-    places = ", ".join(f"{point.s:.6g}" for point in points)
-    return f"{text} at s = {places}" if points else text
+    count = len(points if request.at is None else request.at)
+    for name, values in (("times", request.times), ("speeds", request.speeds)):
+        if values is None or len(values) == count:
+            continue
+        there = f"{'is' if count == 1 else 'are'} {count}"
+        if request.at is None:
+            places = f" at s = {', '.join(f'{point.s:.6g}' for point in points)}" if points else ""
+            there += f" singular point{'s' * (count != 1)} on the path{places}"
+        else:
+            there += " imposed by `at`"
+        listed = ", ".join(f"{value:g}" for value in values)
+        raise InvalidInput(f"{name}: got {len(values)} ({listed}), but there {there}")
 
 
 def check_crossable(branch: Branch, singular: SingularPoint) -> None:

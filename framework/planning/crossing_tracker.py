@@ -22,6 +22,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, type2_matrix
 from framework.kinematics.motion_rates import solve_rates
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.planning.condition import Deflection, coefficients_at, require_effect
 from framework.singularity.bordered_system import Border, solve_bordered
@@ -68,16 +69,9 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
     step = g = gap = np.full(len(s), np.nan)
     last_size = np.inf  # of the last step with closed loops
     for _ in range(max_iterations):
-        # a Newton step of platform and loops, from the last pose to x(s) and the new deflections
-        x = branch.path(s)
-        residual = pose.residual.copy()
-        residual[:, : robot.n] = robot.platform.residual(pose.frames, x)
         last_gap = gap
-        # (k,) [m, rad] about what the Newton step leaves of the gap: the square of what it closes
-        gap = np.abs(np.concatenate([residual, spring_step], axis=1)).max(axis=1) ** 2
-        q = integrate(robot, pose.frames.q, solve_rates(robot, pose, -residual, spring_step))
-        pose = linearised_at(robot, q, x)
-        spring_step = np.zeros_like(spring_step)
+        pose, gap = _step_loops(robot, pose, branch.path(s), spring_step)
+        spring_step = np.zeros_like(spring_step)  # the first step has made it
 
         # a secant step of g; with the border of a pose beside the root it has the sign of det P
         P = type2_matrix(robot, pose)
@@ -101,6 +95,21 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
         clauses=("the deflections are too large for the path to cross the locus there",),
         name=robot.name,
     )
+
+
+def _step_loops(
+    robot: ParallelRobot, pose: LinearisedLoops, x: Array, spring_step: Array
+) -> tuple[LinearisedLoops, Array]:
+    """Take a Newton step of k poses towards platform coordinates x (k, n), springs moved by (k, n_e).
+
+    Returns:
+        The poses, and about the gap (k,) [m, rad] that the step leaves: the square of what it closes.
+    """
+    residual = pose.residual.copy()  # (k, rows) of platform and loops
+    residual[:, : robot.n] = robot.platform.residual(pose.frames, x)
+    gap = np.abs(np.concatenate([residual, spring_step], axis=1)).max(axis=1) ** 2
+    q = integrate(robot, pose.frames.q, solve_rates(robot, pose, -residual, spring_step))
+    return linearised_at(robot, q, x), gap
 
 
 def describe_points(branch: Branch, tracked: TrackedPoints) -> list[SingularPoint]:

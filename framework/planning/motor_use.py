@@ -9,6 +9,7 @@ import numpy as np
 from framework.dynamics.drive_limits import DriveLimits, curve_ratios, rms_torques
 from framework.dynamics.result import InverseDynamics
 from framework.errors import format_distinct, round_up
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.planning.refusals import PRINTED_DIGITS, RAISED_RATIO
 from framework.planning.request import PEAK_SAMPLES, Specification, motor_peaks
@@ -56,40 +57,50 @@ class MotorUse(NamedTuple):
 
 
 def motor_uses(dynamics: InverseDynamics, specification: Specification) -> list[MotorUse]:
-    """Measure how far each motor uses each of its limits, limit by limit."""
+    """Measure the largest ratio of each motor to each of its limits, limit by limit.
+
+    The ratios are those of peaks, which may lie between samples; the instants are those of samples.
+    """
     robot, drives = dynamics.robot, specification.drives
-    names, units = robot.actuator_names, robot.torque_units
-    times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a)
-    s = dynamics.law(times)
-    uses = list[MotorUse]()
-    peak_torques, peak_speeds = motor_peaks(dynamics)
-    for limit, values, peaks, limits, of_limit in (
-        ("torque", torque, peak_torques, specification.torque_limit, units),
-        ("speed", speed, peak_speeds, specification.speed_limit, robot.speed_units),
-    ):
-        for k in np.flatnonzero(np.isfinite(limits)).tolist():
-            peak, largest, i = float(peaks[k]), float(limits[k]), int(np.abs(values[:, k]).argmax())
-            instant = float(times[i]), float(s[i])
-            uses.append(MotorUse(names[k], limit, peak / largest, peak, largest, of_limit[k], "", *instant))
+    times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)  # (T,) [s]
+    instants = np.stack([times, dynamics.law(times)])  # (2, T) times [s] and path coordinates
+    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a), motor side
+    peak_torque, peak_speed = motor_peaks(dynamics)  # (n_a,) each
+    at_torque, at_speed = (instants[:, np.abs(values).argmax(axis=0)] for values in (torque, speed))
+    uses = [
+        *_list_uses(robot, "torque", peak_torque, specification.torque_limit, at_torque),
+        *_list_uses(robot, "speed", peak_speed, specification.speed_limit, at_speed),
+    ]
     if drives is None:
         return uses
+    nearest = np.abs(drives.curve_ratio(torque, speed)).argmax(axis=0)  # (n_a,) samples, to the curves
+    at_nearest = nearest, np.arange(robot.n_a)
+    on_curve = np.where(drives.has_curve, drives.largest_torque(speed)[at_nearest], np.inf)  # (n_a,)
+    curves = _list_uses(robot, CURVE, np.abs(torque[at_nearest]), on_curve, instants[:, nearest])
+    ratios, speeds = curve_ratios(dynamics, drives), np.abs(speed[at_nearest])  # (n_a,) each
+    for k, use in zip(np.flatnonzero(drives.has_curve).tolist(), curves, strict=True):
+        uses.append(use._replace(ratio=float(ratios[k]), speed=f"{speeds[k]:.4g} {robot.speed_units[k]}"))
+    rms = rms_torques(dynamics, drives.cycle_time)  # (n_a,)
+    return [*uses, *_list_uses(robot, "RMS torque", rms, drives.rms_torque_limit)]
 
-    on_curves = np.abs(drives.curve_ratio(torque, speed))  # (T, n_a)
-    ratios = curve_ratios(dynamics, drives)
-    allowed = drives.largest_torque(speed)
-    for k in np.flatnonzero(drives.has_curve).tolist():
-        i = int(on_curves[:, k].argmax())
-        size, largest = abs(float(torque[i, k])), float(allowed[i, k])
-        speed_text = f"{abs(speed[i, k]):.4g} {robot.speed_units[k]}"
-        instant = float(times[i]), float(s[i])
-        uses.append(
-            MotorUse(names[k], CURVE, float(ratios[k]), size, largest, units[k], speed_text, *instant)
-        )
-    averages = rms_torques(dynamics, drives.cycle_time)
-    for k in np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist():
-        size, largest = float(averages[k]), float(drives.rms_torque_limit[k])
-        uses.append(MotorUse(names[k], "RMS torque", size / largest, size, largest, units[k]))
+
+def _list_uses(
+    robot: ParallelRobot, limit: str, sizes: Array, allowed: Array, instants: Array | None = None
+) -> list[MotorUse]:
+    """Return the use of a limit by each motor that has the limit.
+
+    Args:
+        sizes, allowed: (n_a,); `allowed` is infinite for motors without the limit.
+        instants: (2, n_a) times [s] and path coordinates of the sizes, if they have instants.
+    """
+    units = robot.speed_units if limit == "speed" else robot.torque_units
+    uses = []
+    for k in np.flatnonzero(np.isfinite(allowed)).tolist():
+        size, largest = float(sizes[k]), float(allowed[k])
+        use = MotorUse(robot.actuator_names[k], limit, size / largest, size, largest, units[k])
+        if instants is not None:
+            use = use._replace(time=float(instants[0, k]), s=float(instants[1, k]))
+        uses.append(use)
     return uses
 
 
@@ -110,24 +121,19 @@ def raise_drives(dynamics: InverseDynamics, drives: DriveLimits, share: float) -
         share: of the limits of a request that its margin leaves.
     """
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)
-    room = 1.0 - drives.per_torque * torque * np.sign(speed)  # over w_0
-    factor = np.max(
-        np.abs(speed) * drives.per_speed / np.maximum(room, LEAST_SPEED_SHARE), axis=0, initial=1.0
-    )
+    torque, speed = dynamics.torque(times), dynamics.motor_angle(times, 1)  # (T, n_a)
+    room = 1.0 - drives.per_torque * torque * np.sign(speed)  # (T, n_a) 1 - k T / w_0
+    factors = np.abs(speed) * drives.per_speed / np.maximum(room, LEAST_SPEED_SHARE)  # (T, n_a)
+    factor = factors.max(axis=0, initial=1.0)  # (n_a,)
     rms = np.maximum(rms_torques(dynamics, drives.cycle_time) / drives.rms_torque_limit, 1.0)
     raised = {
         "corner_speed": (factor, drives.corner_speed),
         "no_load_speed": (factor, drives.no_load_speed),
         "rms_torque_limit": (rms, drives.rms_torque_limit),
     }
-    return {
-        name: np.array(
-            [
-                round_up(each, PRINTED_DIGITS)
-                for each in np.where(ratio > 1.0, RAISED_RATIO * ratio, 1.0) * limit / share
-            ]
-        )
-        for name, (ratio, limit) in raised.items()
-        if ratio.max() > 1.0
-    }
+    advised = {}
+    for name, (ratio, limit) in raised.items():
+        if ratio.max() > 1.0:
+            needed = np.where(ratio > 1.0, RAISED_RATIO * ratio, 1.0) * limit / share  # (n_a,)
+            advised[name] = np.array([round_up(each, PRINTED_DIGITS) for each in needed])
+    return advised

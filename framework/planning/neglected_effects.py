@@ -35,7 +35,7 @@ from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.result import InverseDynamics
-from framework.errors import NoAnswer, NoLaw, NotConverged
+from framework.errors import NoAnswer, NoLaw, NotConverged, list_names
 from framework.kinematics.inverse_kinematics import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of
@@ -47,6 +47,8 @@ from framework.planning.refusals import check_advance
 from framework.planning.request import SMOOTHNESS, largest_by_unit, motor_peaks
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
+
+MAX_NAMES = 4  # of springs or turns that an effect names
 
 # ------------------------------------------------------------------ the corrected law
 
@@ -429,7 +431,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         ]
         coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
-            names = _list_names([spring.name for spring in springs])
+            names = list_names([spring.name for spring in springs], MAX_NAMES)
             yield f"springs of {part}s left rigid ({names})", partial(torque_of_springs, coordinates)
 
     # effects of the deflections of active springs, against the torques of the motion
@@ -443,13 +445,6 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
             "inertia of the elastic motion",
             lambda: elastic_model().first_torque - elastic_model().planned_torque,
         )
-
-
-def _list_names(names: Sequence[str]) -> str:
-    """Return at most `max_names` names and the number of the rest, in words."""
-    max_names = 4
-    rest = len(names) - max_names
-    return ", ".join(names[:max_names]) + (f" and {rest} more" if rest > 0 else "")
 
 
 # ------------------------------------------------------------------ friction, idle turns
@@ -490,6 +485,6 @@ def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[Negl
     idle = robot.structure.idle
     still_turns = np.setdiff1d(idle, driven_turns(robot))  # balls with damping or armature drive the others
     columns = still_turns if len(still_turns) else idle  # the coordinates to name
-    names = _list_names([robot.coordinates.turn_name(column) for column in columns])
+    names = list_names([robot.coordinates.turn_name(column) for column in columns], MAX_NAMES)
     torque = float(holding / np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

@@ -60,9 +60,9 @@ class ModifiedPathPlan(NamedTuple):
     """
 
     plan: CrossingPlan
-    moved: float
-    turned: float
-    share: float
+    moved: float = 0.0
+    turned: float = 0.0
+    share: float = 0.0
     choices: tuple[BendChoice, ...] = ()
 
 
@@ -71,10 +71,9 @@ def plan_request_with_modified_path(
 ) -> ModifiedPathPlan:
     """Plan a request; if no law can cross, bend the path.
 
-    The path is bent at the crossing whose tangent is the most orthogonal to t_s. Bends are tried to both
-    sides, each twice the last, until one has a plan within the limits of the request. Bisection between this
-    bend and half of it then gives the least bend, to which a tenth is added. Without a torque limit the least
-    bend may need a large torque: `choices` has the torques of larger bends.
+    The path is bent at the crossing whose tangent is the most orthogonal to t_s, by the least bend that has a
+    plan within the limits of the request, with a reserve. Without a torque limit the least bend may need a
+    large torque: `choices` has the torques of larger bends.
 
     Args:
         bend: the bend to use instead of the least, as a share of the path's length. The path is bent to the
@@ -90,21 +89,24 @@ def plan_request_with_modified_path(
             f"bend: must be a share in (0, {MAX_BEND_SHARE:g}] of the path's length, got {bend!r}"
         )
     try:
-        return ModifiedPathPlan(plan_request(robot, request), 0.0, 0.0, 0.0)
+        return ModifiedPathPlan(plan_request(robot, request))
     except UncontrolledMotions:  # a NoLaw that no bend mends
         raise
     except NoLaw as refusal:
-        proof = refusal.proof
-        # a bend keeps the ends of the path, so that a proof about an end holds for any bend
-        at_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
-        modification = None if at_end else _modification_at_crossing(robot, request)
+        modification = None if _is_about_end(refusal) else _modification_at_crossing(robot, request)
         if modification is None:
             raise
         modified = modification.plan_with_least() if bend is None else modification.plan_with(bend)
-        if modified is not None:
-            return modified
-        tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
-        raise refusal.adding(f"nor does a bend of {tried} % of its length help").advising(None) from None
+        if modified is None:
+            tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
+            raise refusal.adding(f"nor does a bend of {tried} % of its length help").advising(None) from None
+        return modified
+
+
+def _is_about_end(refusal: NoLaw) -> bool:
+    """Return whether a proof excludes all laws by an end of the path, which no bend moves."""
+    proof = refusal.proof
+    return isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
 
 
 class _Modification(NamedTuple):
@@ -154,8 +156,9 @@ class _Modification(NamedTuple):
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
         """Find the least sufficient bend with a reserve, and its plan.
 
-        The bend is a share of the path's length; its sign is the side. The reserve is left out if the request
-        has no plan with it.
+        Bends are tried to both sides, each twice the last, until one has a plan. Bisection between this bend
+        and half of it gives the least bend. The bend is a share of the path's length; its sign is the side.
+        The reserve is left out if the request has no plan with it.
         """
         max_bisections = 3  # after which the least bend is known to a factor of 2^(1/8), or 9 %
         reserve = 1.1  # by which the least bend is multiplied

@@ -39,7 +39,6 @@ from framework.numerics.time_limit import SearchEnded, limit_time, seconds_ended
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.joint_path import JointPath, with_platform_joints
-from framework.planning.motor_use import find_largest_use
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
@@ -113,22 +112,16 @@ def plan_request(
         searched = search_path(robot, request.path)
     check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
     to_cross = path_to_cross(searched, request, explained=explained)
-    searched = to_cross.searched  # under the wrenches of the request
     try:
         with limit_time(request.time_limit):
             plan = _plan_best(to_cross, request)
     except NoAnswer as refusal:
-        refusal.name = refusal.name or robot.name
-        # of several uncontrolled motions one condition (8) explains nothing
-        if isinstance(refusal, NoLaw) and not isinstance(refusal, UncontrolledMotions):
-            at_points = feasibility_on_path(searched)
-            refusal.adding(*(point.short_sentence for point in at_points if point is not None))
-            refusal.advising(find_remedy(refusal, searched, request))
-        elif isinstance(refusal, UnboundedTorque):
-            refusal.advising(find_remedy(refusal, searched, request))
-        raise
+        raise _explain_refusal(refusal, to_cross.searched, request) from None
     check_limits(plan)
     return replace(plan, seconds=time.perf_counter() - started)
+
+
+# ------------------------------------------------------------------ the choice between the kinds of law
 
 
 def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
@@ -142,151 +135,154 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
     if request.kind == "optimal":  # by a goal, or by limits without a duration
-        try:
-            return _plan_optimal(to_cross, request, "only the optimal law has a goal")
-        except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
-            with limit_time(None):  # the time limit is for the search of the optimal law alone
-                return _plan_polynomial_within_limits(to_cross, request, refusal)
-
-    may_be_optimal = request.may_be_optimal
-    # polynomials through several points seldom advance, and to search for one takes longer than a free law
-    is_searched = (
-        len(to_cross.crossing_points) < FREE_LAW_CROSSINGS
-        or to_cross.branch.robot.n_e > 0
-        or not may_be_optimal
+        return _plan_goal(to_cross, request)
+    if request.may_be_optimal:
+        return _plan_with_either_law(to_cross, request)
+    plan = plan_polynomial(to_cross, request)
+    if _limit_ratio(plan) <= 1.0:
+        return plan
+    use = max(plan.motor_use, key=lambda use: use.ratio)
+    raise NoLaw(
+        f"the polynomial needs {use.ratio:.4g} times the limits: {use.sentence}",
+        clauses=(
+            "torque_limit and speed_limit none (inf in Python) lift those of the robot file, "
+            "rms_torque_limit none that of RMS torques",
+        ),
     )
+
+
+def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
+    """Plan with the optimal law or, if none is found, with a polynomial within the limits.
+
+    Raises:
+        NoAnswer: the refusal of the optimal law, if no polynomial replaces it.
+    """
+    try:
+        return _plan_optimal(to_cross, request, "only the optimal law has a goal")
+    except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
+        with limit_time(None):  # the time limit is for the search of the optimal law alone
+            plan = _find_polynomial_instead(to_cross, request, refusal)
+        if plan is None:
+            raise
+        return plan
+
+
+def _plan_with_either_law(to_cross: PathToCross, request: Request) -> CrossingPlan:
+    """Plan with a polynomial, or with the optimal law where the polynomial is refused or not good enough."""
+    # polynomials through several points seldom advance, and to search for one takes longer than a free law
+    is_searched = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS or to_cross.branch.robot.n_e > 0
     try:
         plan = plan_polynomial(to_cross, request, searched=is_searched)
-    except (NoLaw, NotConverged) as refusal:
-        if not may_be_optimal:
-            raise
-        return _plan_after_refusal(to_cross, request, refusal, is_searched=is_searched)
-
+    except (NoLaw, NotConverged) as no_polynomial:
+        return _plan_without_polynomial(to_cross, request, no_polynomial, is_searched=is_searched)
     excess = _limit_ratio(plan)
     if excess > 1.0:
-        needs = f"the polynomial needs {excess:.4g} times the limits"
-        if may_be_optimal:
-            return _plan_optimal(to_cross, request, needs)
-        raise NoLaw(
-            f"{needs}{_drives_text(plan)}",
-            clauses=(
-                "torque_limit and speed_limit none (inf in Python) lift those of the robot file, "
-                "rms_torque_limit none that of RMS torques",
-            ),
-        )
-    if not may_be_optimal or request.speeds is not None or request.times is not None:
+        return _plan_optimal(to_cross, request, f"the polynomial needs {excess:.4g} times the limits")
+    if request.speeds is not None or request.times is not None:
         return plan
     return _improve_polynomial(to_cross, plan)
 
 
+def _plan_without_polynomial(
+    to_cross: PathToCross, request: Request, no_polynomial: NoLaw | NotConverged, *, is_searched: bool
+) -> CrossingPlan:
+    """Plan with the optimal law or, if none is found, with a polynomial whose times and speeds are searched.
+
+    Args:
+        no_polynomial: the refusal of the polynomial.
+        is_searched: whether times and speeds of the polynomial were searched before.
+
+    Raises:
+        NoLaw, NotConverged: neither law is found; the message has both reasons.
+        NoAnswer: the refusal of the optimal law, if times and speeds are searched only now.
+    """
+    failure = "the polynomial is not resolved"
+    if isinstance(no_polynomial, NoLaw):
+        failure = "there is no polynomial"
+    why = f"optimal, as {failure} over {request.fixed_duration:g} s: {no_polynomial.message}"
+    try:
+        return _plan_optimal(to_cross, request, why)
+    except UncontrolledMotions:  # which no law can cross
+        raise
+    except SearchEnded as end:
+        raise SearchEnded(no_polynomial.message, clauses=(end.sentence,)) from None
+    except (NoLaw, NotAssembled, NotConverged) as no_optimal:
+        if is_searched:
+            raise _refuse_both_laws(no_polynomial, no_optimal) from None
+        plan = _find_polynomial_instead(to_cross, request, no_optimal)
+        if plan is None:
+            raise
+        return plan
+
+
+def _find_polynomial_instead(
+    to_cross: PathToCross, request: Request, no_optimal: NoAnswer
+) -> CrossingPlan | None:
+    """Find a polynomial of a requested duration within the limits; None without one.
+
+    Args:
+        no_optimal: the refusal of the optimal law, which the polynomial replaces.
+    """
+    if request.duration is None:
+        return None
+    try:
+        plan = plan_polynomial(to_cross, request)
+    except NoAnswer:
+        return None
+    reason = f"the polynomial, as the optimal law is not found: {no_optimal.sentence}"
+    return replace(plan, reason=reason) if _limit_ratio(plan) <= 1.0 else None
+
+
+def _refuse_both_laws(
+    no_polynomial: NoLaw | NotConverged, no_optimal: NoLaw | NotAssembled | NotConverged
+) -> NoLaw | NotConverged:
+    """Return the refusal of a request from the refusals of its polynomial and of its optimal law."""
+    both = no_polynomial.adding(f"nor does the optimal law help: {no_optimal.sentence}")
+    if isinstance(both, NoLaw):
+        return both.with_changes(proof=both.proof or no_optimal.proof, evidence=no_optimal.evidence)
+    # another tolerance resolves the polynomial whatever the optimal law; any other remedy was tried
+    return both.advising(both.remedy if "tolerance" in (both.remedy or {}) else None)
+
+
 def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
-    """Return the plan, or one with the optimal law if the plan nearly stops or peaks beside a near miss.
+    """Return the plan, or a better one with the optimal law if the plan nearly stops or peaks at a near miss.
+
+    If it nearly stops, any optimal law is better. If its largest torque is beside a near miss of the locus,
+    one of lower peak torque is.
 
     Args:
         plan: with the polynomial, within the limits.
     """
     speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness, plan.request.ends)
-    if plan.crossings and speed_ratio < MIN_POLYNOMIAL_ADVANCE:
-        nearly_stops = (
+    nearly_stops = bool(plan.crossings) and speed_ratio < MIN_POLYNOMIAL_ADVANCE
+    miss = miss_of_peak(plan, to_cross.searched.near_misses)
+    if nearly_stops:
+        why = (
             f"the polynomial nearly stops: its least speed is {speed_ratio:.2g} of its mean, its largest "
             f"torque {_peak_text(plan)}"
         )
-        try:
-            return _plan_optimal(to_cross, plan.request, nearly_stops)
-        except NoAnswer as refusal:
-            return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal.sentence}")
-    miss = miss_of_peak(plan, to_cross.searched.near_misses)
-    return plan if miss is None else _plan_lower_peak(to_cross, plan, miss)
-
-
-def _plan_after_refusal(
-    to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged, *, is_searched: bool
-) -> CrossingPlan:
-    """Plan with the optimal law after a refusal of the polynomial.
-
-    Args:
-        refusal: of the polynomial.
-        is_searched: whether times and speeds of polynomials were searched; if not, this is the last resort.
-
-    Raises:
-        NoLaw, NotConverged: the optimal law is refused as well; the message has both reasons.
-        UncontrolledMotions, SearchEnded: as for the optimal law.
-    """
-    is_unresolved = isinstance(refusal, NotConverged)
-    failure = "the polynomial is not resolved" if is_unresolved else "there is no polynomial"
-    why = f"optimal, as {failure} over {request.fixed_duration:g} s: {refusal.message}"
+    elif miss is not None:
+        why = (
+            f"the polynomial's largest torque, {_peak_text(plan)}, is beside s = {miss.s:.6g}, where "
+            f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
+        )
+    else:
+        return plan
+    reason = why if nearly_stops else f"{why}; this one's is lower"
     try:
-        return _plan_optimal(to_cross, request, why)
-    except UncontrolledMotions:
-        raise
-    except SearchEnded as end:
-        raise SearchEnded(refusal.message, clauses=(end.sentence,)) from None
-    except (NoLaw, NotAssembled, NotConverged) as optimal_refusal:
-        if not is_searched:
-            return _plan_polynomial_within_limits(to_cross, request, optimal_refusal)
-        refusal.adding(f"nor does the optimal law help: {optimal_refusal.sentence}")
-        if isinstance(refusal, NoLaw):
-            refusal.proof = refusal.proof or optimal_refusal.proof
-            refusal.evidence = optimal_refusal.evidence
-        # that the polynomial is resolved to another tolerance does not depend on the optimal law
-        raise refusal.advising(refusal.remedy if "tolerance" in (refusal.remedy or {}) else None) from None
-
-
-def _plan_polynomial_within_limits(
-    to_cross: PathToCross, request: Request, refusal: NoAnswer
-) -> CrossingPlan:
-    """Plan with the polynomial after a refusal of the optimal law.
-
-    Args:
-        refusal: of the optimal law.
-
-    Raises:
-        NoAnswer: `refusal`, if there is no polynomial of a requested duration within the limits.
-    """
-    if request.duration is None:
-        raise refusal
-    try:
-        plan = plan_polynomial(to_cross, request)
-    except NoAnswer:
-        raise refusal from None
-    if _limit_ratio(plan) > 1.0:
-        raise refusal
-    return replace(plan, reason=f"the polynomial, as the optimal law is not found: {refusal.sentence}")
+        optimal = _plan_optimal(to_cross, plan.request, reason)
+    except NoAnswer as refusal:
+        return replace(plan, reason=f"{why}; the optimal law is not found: {refusal.sentence}")
+    assert optimal.optimality is not None
+    reference = optimal.optimality.reference
+    if nearly_stops or max_torque_ratio(optimal, reference) < max_torque_ratio(plan, reference):
+        return optimal
+    return replace(plan, reason=f"{why}; the optimal law's is {_peak_text(optimal)}{_ended_text()}")
 
 
 def _limit_ratio(plan: CrossingPlan) -> float:
     """Return the largest ratio of a torque or speed of a plan to its limit."""
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
-
-
-def _drives_text(plan: CrossingPlan) -> str:
-    """Describe the largest use of motors if of a curve or RMS torque, else nothing."""
-    use = find_largest_use(plan.dynamics, specification_of(plan.robot, plan.request))
-    if use is None or use.limit in ("torque", "speed"):
-        return ""
-    return f": {use.sentence}"
-
-
-def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the optimal law; return the plan of lower peak torque, that one or the polynomial.
-
-    Args:
-        polynomial: the plan whose largest torque is beside the near miss.
-        miss: the near miss.
-    """
-    why = (
-        f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
-        f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
-    )
-    try:
-        optimal = _plan_optimal(to_cross, polynomial.request, f"{why}; this one's is lower")
-    except NoAnswer as refusal:
-        return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal.sentence}")
-    assert optimal.optimality is not None
-    reference = optimal.optimality.reference
-    if max_torque_ratio(optimal, reference) < max_torque_ratio(polynomial, reference):
-        return optimal
-    return replace(polynomial, reason=f"{why}; the optimal law's is {_peak_text(optimal)}{_ended_text()}")
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
@@ -330,9 +326,6 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
 
     Args:
         reason: for the choice of this law, in words.
-
-    Raises:
-        NoAnswer: as `plan_crossing`.
     """
     from framework.planning.optimal.optimal_motion import optimal_motion  # slow to import, seldom needed
     from framework.planning.optimal.optimal_task import Task
@@ -392,6 +385,23 @@ def check_limits(plan: CrossingPlan) -> None:
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
         raise LimitsExceeded(f"the motion leaves limits: {listed}", name=plan.robot.name, exceeded=exceeded)
+
+
+def _explain_refusal(refusal: NoAnswer, searched: SearchedPath, request: Request) -> NoAnswer:
+    """Return a refusal with the robot's name and, if a law is the reason, with condition (8) and a remedy.
+
+    Args:
+        searched: the path with its singular points, under the wrenches of the request.
+    """
+    named = refusal.naming(refusal.name or searched.branch.robot.name)
+    if isinstance(named, UncontrolledMotions):  # of several motions one condition (8) explains nothing
+        return named
+    if isinstance(named, NoLaw):
+        at_points = feasibility_on_path(searched)
+        named = named.adding(*(point.short_sentence for point in at_points if point is not None))
+    elif not isinstance(named, UnboundedTorque):
+        return named
+    return named.advising(find_remedy(named, searched, request))
 
 
 def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:

@@ -7,23 +7,22 @@ crossings that the user leaves open are chosen so that the law always advances.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from itertools import chain
 
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.inverse_dynamics import choose_failure, resolve, resolve_law
+from framework.dynamics.inverse_dynamics import resolve, resolve_law
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
-from framework.laws.law import NO_HIGH, Law, conditions_at_instants, speed_ratios_and_peaks
+from framework.errors import InvalidInput, NoLaw, NotConverged, SpringsTooSoft
+from framework.laws.law import NO_HIGH, Law, PlannedLaw, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction
-from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import require_effect
 from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
 from framework.planning.crossing_tracker import CrossingTracker
@@ -50,84 +49,97 @@ OF_A_SCENE = (
 )
 
 
-def plan_polynomial(
-    to_cross: PathToCross,
-    request: Request,
-    *,
-    searched: bool = True,
-) -> CrossingPlan:
+def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool = True) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    At required times the degree is raised where the least one does not advance. It is raised further where
-    deflections or torques are not resolved: of more coefficients the law bends less.
+    At required times the degree is raised where the polynomial of least degree does not advance. It is raised
+    further where deflections or torques are not resolved, since a law of more coefficients can bend less.
 
     Args:
+        to_cross: the path, with the points where condition (8) is to hold.
         searched: whether open times and speeds are searched if none of the first ones will do.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    law, timing = undeformed_polynomial(to_cross, request, searched=searched)
-    least_degree = request.ends.least_degree(request.smoothness, len(to_cross.crossing_points))
-    names = ("geometry", "tolerance", "friction")
-    options: dict[str, Any] = {name: getattr(request, name) for name in names}  # of `resolve`
-    crossed: Sequence[SingularPoint] = ()  # of the deformed robot
-    first_failure = None
-    while True:
+    first = undeformed_polynomial(to_cross, request, searched=searched)
+    raised = _raise_degree(to_cross.crossing_points, request, above=first[0].degree)
+    failures = list[NotConverged]()
+    for law, undeformed_timing in chain([first], raised):
+        timing = undeformed_timing
+        crossed: Sequence[SingularPoint] = ()  # of the deformed robot
         try:
             if request.geometry == "deformed":
-                dynamics, timing, crossed = _resolve_deformed(to_cross, request, options, law, timing)
+                dynamics, timing, crossed = _cross_deformed(to_cross, request, law, timing)
             else:
-                dynamics = resolve_law(to_cross.searched, law, **options)
+                dynamics = resolve_law(to_cross.searched, law, **request.model_options)
             dynamics = share_load(dynamics, request, optimal=False)
             break
         except SpringsTooSoft:  # whatever the law
             raise
         except NotConverged as failure:
-            first_failure = first_failure or failure
-        raised = None
-        if request.times:
-            raised = _raise_degree(to_cross.crossing_points, request, above=law.degree)
-        if raised is None:
-            raise first_failure
-        law, timing = raised
+            failures.append(failure)
+    else:
+        raise failures[0]
     planned = dynamics.law
     assert isinstance(planned, Law)
-    reason = _reason_for_law(planned, request, least_degree)
+    reason = _reason_for_law(planned, request, len(timing))
     return certified_plan(to_cross, request, dynamics, planned, timing, crossed=crossed, reason=reason)
 
 
-def _resolve_deformed(
-    to_cross: PathToCross,
-    request: Request,
-    options: Mapping[str, Any],
-    undeformed: Law,
-    timing: tuple[CrossingTime, ...],
-    *,
-    raises_left: int = 2,
+def _cross_deformed(
+    to_cross: PathToCross, request: Request, law: Law, timing: tuple[CrossingTime, ...]
 ) -> tuple[InverseDynamics, tuple[CrossingTime, ...], Sequence[SingularPoint]]:
-    """Compute torques of the polynomial through crossings of the deflected robot at given times and speeds.
+    """Compute the motion of a polynomial that crosses the deflected robot's singular points and advances.
 
-    Deflections shift the crossing points. `resolve` computes them in passes, and each pass solves for a law
-    of its own, with the times and speeds of the first. If the passes do not converge, law and deflections are
-    solved for together. The last law must advance.
+    Deflections move the crossing points along the path, and may so make the law turn back. Its degree is then
+    raised, with new speeds where they are open.
 
     Args:
-        options: of `resolve`.
-        undeformed: the law through the crossing points of the undeformed robot.
+        law: the law through the crossing points of the undeformed robot.
         timing: times and speeds of the crossings.
-        raises_left: how often both may be found anew if deflections make the law turn back.
 
     Returns:
-        The motion; times and speeds of its crossings; the crossing points with the last deflections, none if
-        the user imposes them.
-
-    Raises:
-        InvalidInput, NoAnswer: as `plan_crossing`.
+        The motion; times and speeds of its crossings; the crossing points with its deflections, none if the
+        user imposes them.
     """
-    least_degree = request.ends.least_degree(request.smoothness, len(timing))
-    high = undeformed.coefficients[least_degree + 1 :]
-    times = np.array([time for time, _ in timing])
+    max_raises = 2
+    crossings = to_cross.crossing_points
+    for raises_left in reversed(range(max_raises + 1)):
+        dynamics, tracker = _resolve_deformed(to_cross, request, law, timing)
+        assert isinstance(dynamics.law, Law)
+        try:
+            _refuse_turning_back(dynamics.law, request, [crossing.s for crossing in dynamics.crossings])
+            break
+        except NoLaw:
+            if not request.times or not raises_left:
+                raise
+            moved = tracker.follow(dynamics.deflection)
+            raised = next(_raise_degree(moved, request, above=law.degree - 1), None)
+            if raised is None:
+                raise
+            advancing, timing = raised
+            law = _solve_law(crossings, timing, request, _high_coefficients(advancing, request, timing))
+    return dynamics, timing, () if request.at else tracker.crossings
+
+
+def _resolve_deformed(
+    to_cross: PathToCross, request: Request, undeformed: Law, timing: tuple[CrossingTime, ...]
+) -> tuple[InverseDynamics, CrossingTracker]:
+    """Compute the motion of the polynomial through the crossings of the deflected robot.
+
+    Each pass of the deflections solves for a law of its own, with the same times and speeds. If the passes do
+    not converge, law and deflections are solved for together. The last law may turn back.
+
+    Args:
+        undeformed: the law through the crossing points of the undeformed robot.
+        timing: times and speeds of the crossings.
+
+    Returns:
+        The motion, and the crossings as followed to its deflections.
+    """
+    high = _high_coefficients(undeformed, request, timing)
+    times = np.array([time for time, _ in timing])  # (k,) [s]
     tracker = CrossingTracker(to_cross.branch, to_cross.crossing_points, times)
 
     def choose_law(deflections: TimeFunction | None) -> Law:
@@ -136,39 +148,25 @@ def _resolve_deformed(
             return undeformed
         return _solve_law(tracker.follow(deflections), timing, request, high)
 
-    try:
-        dynamics = resolve(to_cross.searched, choose_law, **options)
-    except (NotConverged, UnboundedTorque) as failure:
-        if request.at is not None:  # s" at imposed points is prescribed
-            raise
-        try:
-            balanced, deflections = _find_balanced_law(to_cross, tracker, request, timing, high)
-            dynamics = resolve(to_cross.searched, lambda _: balanced, **options, known=deflections)
-        except SearchEnded:
-            raise
-        except NoAnswer as second:  # raise the failure that says more
-            raise choose_failure(failure, second) from None
-    law = dynamics.law
-    assert isinstance(law, Law)
-    try:
-        if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:
-            check_advance(law, [crossing.s for crossing in dynamics.crossings])
-    except NoLaw:
-        if request.times is None or not raises_left:
-            raise
-        raised = _raise_degree(tracker.follow(dynamics.deflection), request, above=law.degree - 1)
-        if raised is None:
-            raise
-        advancing, timing = raised
-        law = _solve_law(
-            to_cross.crossing_points, timing, request, advancing.coefficients[least_degree + 1 :]
-        )
-        return _resolve_deformed(to_cross, request, options, law, timing, raises_left=raises_left - 1)
-    return dynamics, timing, () if request.at else tracker.crossings
+    find_balance = partial(_find_balanced_law, to_cross, tracker, request, timing, high)
+    is_free = request.at is None  # s" at imposed points is prescribed
+    dynamics = resolve(
+        to_cross.searched,
+        choose_law,
+        **request.model_options,
+        find_balance=find_balance if is_free else None,
+    )
+    return dynamics, tracker
 
 
-def _reason_for_law(law: Law, request: Request, least_degree: int) -> str:
+def _high_coefficients(law: Law, request: Request, timing: Sequence[CrossingTime]) -> Array:
+    """Return the Chebyshev coefficients of a law above its least degree; none of the law of that degree."""
+    return law.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
+
+
+def _reason_for_law(law: Law, request: Request, crossing_count: int) -> str:
     """Return why a request has this polynomial, in words."""
+    least_degree = request.ends.least_degree(request.smoothness, crossing_count)
     speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
     if request.kind != "polynomial":
         if speed_ratio > 0:
@@ -191,11 +189,11 @@ def _find_balanced_law(
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 
-    The scalars of the law are changes of its s" at the crossings. Deflections move the crossings along the
-    path, so that the polynomial is solved for again until it passes them at their times.
+    Deflections in balance with the forces of a law move the crossings along the path, so that the law misses
+    them. Law and deflections are solved for again until the law passes the crossings at their times.
 
     Args:
-        tracker: the crossings with the last deflections.
+        tracker: follows the crossings to the deflections.
         timing: times and speeds of the crossings.
         high: coefficients of the law above its least degree.
 
@@ -205,14 +203,14 @@ def _find_balanced_law(
     Raises:
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
-    max_balances = 40  # of law and deflections, until the polynomial passes the crossings
+    max_balances = 40  # of law and deflections
     crossings = to_cross.crossing_points
     deflections: KnownDeflections | None = None
     for _ in range(max_balances):
         law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections, high)
         crossings = tracker.follow(deflections.evaluate)
-        places = np.array([point.s for point in crossings])
-        miss = float(np.abs(law(tracker.times) - places).max(initial=0.0))
+        s = np.array([point.s for point in crossings])  # (k,)
+        miss = float(np.abs(law(tracker.times) - s).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
     raise NotConverged(f"the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
@@ -228,31 +226,31 @@ def _balance_accelerations(
 ) -> tuple[Law, KnownDeflections]:
     """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
 
+    Unknown are the deflections as functions of time and c (k,) [1/s^2], by which s" at the crossings differs
+    from the s" of condition (8) at the last deflections. `solve_balance` solves for both.
+
     Args:
-        crossings: the points, whose s the law passes, each with its condition (8).
+        crossings: the k points, whose s the law passes, each with its condition (8).
         timing: times and speeds s' of the crossings.
         start: deflections at which the iteration begins; None for springs at rest.
         high: coefficients of the law above its least degree.
 
     Returns:
         The law, and the deflections in balance with its forces.
-
-    Raises:
-        NoAnswer: as `solve_balance`.
     """
     acceleration_step = 1e-4  # of differences in s" at a crossing, times the duration squared
     branch = to_cross.branch
 
-    def law_of(shifts: Array) -> Law:
-        """Return the polynomial with s" at the crossings shifted by (k,) [1/s^2]."""
-        return _solve_law(crossings, timing, request, high, shifts)
+    def law_of(c: Array) -> Law:
+        """Return the polynomial with s" at the crossings changed by c (k,) [1/s^2]."""
+        return _solve_law(crossings, timing, request, high, c)
 
-    no_shift = np.zeros(len(crossings))
-    edges = panel_edges(branch, law_of(no_shift))  # the same panels for all shifts
-    difference_steps = no_shift + acceleration_step / request.fixed_duration**2  # (k,) [1/s^2]
+    unchanged = np.zeros(len(crossings))  # (k,) [1/s^2]
+    edges = panel_edges(branch, law_of(unchanged))  # the same panels for all c
+    difference_steps = unchanged + acceleration_step / request.fixed_duration**2  # (k,) [1/s^2]
     if start is not None and not np.array_equal(start.splines.panels, edges):
         start = None  # its panels end elsewhere
-    balance = solve_balance(branch, lambda shifts: InTime(law_of(shifts), edges), difference_steps, start)
+    balance = solve_balance(branch, lambda c: InTime(law_of(c), edges), difference_steps, start)
     return law_of(balance.scalars), balance.deflections
 
 
@@ -261,37 +259,41 @@ def _solve_law(
     timing: Sequence[CrossingTime],
     request: Request,
     high: Array = NO_HIGH,
-    shifts: Array | None = None,
+    changes: Array | None = None,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
 
     Args:
-        crossings: the points, each with the condition (8) that gives s".
-        timing: times and speeds of the crossings.
+        crossings: k points with their s, each with the condition (8) that gives s" for s'.
+        timing: times and speeds s' of the crossings.
         high: coefficients of the law above its least degree.
-        shifts: (k,) [1/s^2] of s" at the crossings, from those of the conditions.
+        changes: (k,) [1/s^2] of s" at the crossings, added to those of the conditions; none by default.
 
     Raises:
         InvalidInput: there is no such polynomial with the user's times.
         NoLaw: there is no such polynomial with chosen times.
     """
-    duration = request.fixed_duration
-    shifts = np.zeros(len(crossings)) if shifts is None else shifts
-    values = [
-        (point.s, speed, point.acceleration_at(speed) + shift)
-        for point, (_, speed), shift in zip(crossings, timing, shifts, strict=True)
+    changes = np.zeros(len(crossings)) if changes is None else changes
+    values = [  # s, s' and s" at each crossing
+        (point.s, speed, point.acceleration_at(speed) + change)
+        for point, (_, speed), change in zip(crossings, timing, changes, strict=True)
     ]
     inner = conditions_at_instants([time for time, _ in timing], values)
     try:
-        return Law.rest_to_rest(duration, request.smoothness, inner, high, request.ends)
+        return Law.rest_to_rest(request.fixed_duration, request.smoothness, inner, high, request.ends)
     except InvalidInput as problem:
-        through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing)
-        why = (
-            f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
-        )
-        if request.times is None:
-            raise NoLaw(why) from None
-        raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
+        raise _refuse_conditions(problem, timing, request) from None
+
+
+def _refuse_conditions(
+    problem: InvalidInput, timing: Sequence[CrossingTime], request: Request
+) -> InvalidInput | NoLaw:
+    """Return the refusal of times and speeds through which no polynomial could be computed."""
+    through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing) or "the ends"
+    why = f"no polynomial over {request.duration:g} s through {through} could be computed: {problem}"
+    if request.times is None:
+        return NoLaw(why)
+    return InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW)
 
 
 def undeformed_polynomial(
@@ -324,41 +326,57 @@ def undeformed_polynomial(
         require_effect(to_cross.branch, point, deflected=False) for point in to_cross.crossing_points
     ]
     s = [point.s for point in crossings]
-
-    def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
-        """Compute least speed ratio and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
-        accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
-        for k, point in enumerate(crossings):
-            accelerations[:, k] = point.acceleration_at(speeds[:, k])
-        values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
-        return speed_ratios_and_peaks(duration, request.smoothness, times, values, request.ends)
-
+    measure = partial(_measure_laws, crossings, request)
     try:
         timing = choose_timing(s, request, measure, searched=searched) if s else ()
         law = _solve_law(crossings, timing, request)
-        if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:  # otherwise it always advances
-            check_advance(law, [point.s for point in to_cross.points])
+        _refuse_turning_back(law, request, [point.s for point in to_cross.points])
         return law, timing
     except NoLaw as refusal:
         if not request.times:
             raise
-        raised = _raise_degree(crossings, request)
+        raised = next(_raise_degree(crossings, request), None)
         if raised is None:
             raise refusal.adding(f"nor was one of degree {RAISED_DEGREES[-1]} found") from None
         return raised
 
 
+def _measure_laws(
+    crossings: Sequence[SingularPoint], request: Request, times: Array, speeds: Array
+) -> tuple[Array, Array]:
+    """Compute least speed ratio and peak |s"| (m,) [1/s^2] of m laws through k crossings.
+
+    Args:
+        times, speeds: (m, k) of the crossings [s], s' [1/s]; condition (8) adds s".
+    """
+    accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
+    for k, point in enumerate(crossings):
+        accelerations[:, k] = point.acceleration_at(speeds[:, k])
+    s = [point.s for point in crossings]
+    values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
+    return speed_ratios_and_peaks(request.fixed_duration, request.smoothness, times, values, request.ends)
+
+
+def _refuse_turning_back(law: PlannedLaw, request: Request, s: Sequence[float]) -> None:
+    """Raise NoLaw if a law turns back, leaves the path, or repeats a crossing at s (k,)."""
+    if law.least_speed_ratio(request.smoothness, request.ends) <= 0.0:  # otherwise it always advances
+        check_advance(law, s)
+
+
 def _raise_degree(
     crossings: Sequence[SingularPoint], request: Request, *, above: int = 0
-) -> tuple[Law, tuple[CrossingTime, ...]] | None:
-    """Find a law of higher degree that advances, with times and speeds of its crossings; None without one.
+) -> Iterator[tuple[Law, tuple[CrossingTime, ...]]]:
+    """Find laws of higher degrees that advance, by degree, with times and speeds of their crossings.
+
+    There are none if the times are open.
 
     Args:
         above: a degree; only higher ones are tried.
     """
+    if not request.times:
+        return
     from framework.planning.raised_polynomial import RaisedDegree  # slow to import, seldom needed
 
-    assert request.times is not None
     places = [point.s for point in crossings]
     conditions = [point.condition for point in crossings if point.condition is not None]
     for degree in RAISED_DEGREES:
@@ -377,11 +395,10 @@ def _raise_degree(
         raised = search.find(request.speeds)
         if raised is None:
             continue
-        timing = _crossing_times(np.array([request.times, raised.speeds]))
+        timing = tuple(map(CrossingTime, request.times, raised.speeds.tolist()))
         law = _solve_law(crossings, timing, request, raised.high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
-            return law, timing
-    return None
+            yield law, timing
 
 
 # ------------------------------------------------------------------ times and speeds of crossings
@@ -407,13 +424,13 @@ def choose_timing(
     """
     if request.times is not None and request.speeds is not None:
         # nothing is open; `check_advance` judges the law
-        return _crossing_times(np.array([request.times, request.speeds]))
+        return tuple(map(CrossingTime, request.times, request.speeds))
     score_laws = partial(_score_laws, request.fixed_duration, measure)
     starts = _first_timings(s, request)  # (m, 2, k)
     scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
-        return _crossing_times(starts[comfortable[0]])
+        return tuple(map(CrossingTime, *starts[comfortable[0]].tolist()))
     if len(s) > MAX_CROSSINGS or not searched:
         raise NoLaw(
             f"the path meets {len(s)} singular points, and of {len(starts)} polynomials none keeps "
@@ -423,7 +440,7 @@ def choose_timing(
 
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
     best, score = _search_timings(starts[best_first], request, score_laws)
-    timing = _crossing_times(best)
+    timing = tuple(map(CrossingTime, *best.tolist()))
     if score <= 0:
         or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
         raise NoLaw(
@@ -460,11 +477,6 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     if request.speeds is not None:  # the user's speeds, too
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
-
-
-def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
-    """Convert times and speeds (2, k) to crossing times."""
-    return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
 def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
@@ -536,21 +548,9 @@ def _search_timings(
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - min_spread:
             break
-        drawn = _draw_laws(random, count, laws, mean)
-        mean = laws.mean(axis=0)
+        # sums of offsets with independent normal weights have the covariance of the offsets
+        weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
+        steps = np.tensordot(weights, laws - mean, axes=1)  # (count, 2, k)
+        mean = laws.mean(axis=0)  # (2, k)
+        drawn = mean + steps
     return to_timings(laws[:1])[0], scores[0]
-
-
-def _draw_laws(random: np.random.Generator, count: int, survivors: Array, last_mean: Array) -> Array:
-    """Draw unknowns (count, 2, k) of laws, normally distributed around the mean of survivors (m, 2, k).
-
-    Sums of the survivors' offsets from a mean, with independent normal weights, have the covariance of the
-    survivors about this mean.
-
-    Args:
-        random: generator of the weights.
-        last_mean: mean (2, k) of the survivors of the round before.
-    """
-    weights = random.standard_normal((count, len(survivors))) / np.sqrt(len(survivors))
-    steps = np.tensordot(weights, survivors - last_mean, axes=1)
-    return np.asarray(survivors.mean(axis=0) + steps)

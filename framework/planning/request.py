@@ -65,31 +65,24 @@ class Request(PlanOptions):
         expect_path(path)
         for name in options.keys() - OPTIONS.keys():
             raise TypeError(f"{name!r} is no option of a plan{did_you_mean(name, OPTIONS)}")
-        filled_in = {
-            "geometry": checked_geometry(robot, options.get("geometry")),
-            "smoothness": checked_smoothness(robot, options.get("smoothness")),
+        limits = {  # (n_a,) each
+            name: motor_limits(robot, name, options.get(name))
+            for name in MOTOR_LIMITS
+            if name not in DRIVE_OPTIONS or options.get(name) is not None
         }
-        limits = {
-            name: motor_limits(robot, name, options.get(name)) for name in ("torque_limit", "speed_limit")
-        }
-        for name in options.keys() & MOTOR_LIMITS:
-            if options[name] is not None:
-                stated = limits[name] if name in limits else motor_limits(robot, name, options[name])
-                filled_in[name] = shortest_form(stated)
-        request = Request(path=path, **{**options, **filled_in})
+        stated = {name: shortest_form(limits[name]) for name in limits if options.get(name) is not None}
+        geometry = checked_geometry(robot, options.get("geometry"))
+        smoothness = checked_smoothness(robot, options.get("smoothness"))
+        request = Request(path=path, **{**options, **stated, "geometry": geometry, "smoothness": smoothness})
         request.external_wrenches.check_frames(robot)
-        drives: dict[str, Any] = {name: filled_in[name] for name in DRIVE_OPTIONS if name in filled_in}
+        drives: dict[str, Any] = {name: stated[name] for name in DRIVE_OPTIONS if name in stated}
         has_drives = drive_limits(robot, limits["torque_limit"], **drives) is not None
-        if has_drives and request.torque_sharing == "free":
-            raise InvalidInput(
-                "torque_sharing: motors with torque-speed curves or RMS torque limits have least_norm alone"
-            ).advising({"torque_sharing": None})
-        if robot.n_e and request.torque_sharing == "free":
-            raise InvalidInput(
-                "torque_sharing: elastic robots have least_norm alone, as their springs deflect with the "
-                "distribution of torques"
-            ).advising({"torque_sharing": None})
-        if request.goal == "time" and np.isinf(list(limits.values())).all():
+        if request.torque_sharing == "free" and (has_drives or robot.n_e):
+            alone = "elastic robots have least_norm alone, as their springs deflect with the distribution"
+            if has_drives:
+                alone = "motors with torque-speed curves or RMS torque limits have least_norm alone"
+            raise InvalidInput(f"torque_sharing: {alone}").advising({"torque_sharing": None})
+        if request.goal == "time" and np.isinf([limits["torque_limit"], limits["speed_limit"]]).all():
             raise InvalidInput(
                 "torque_limit or speed_limit is needed, given or in the robot file (effort and velocity of "
                 "the URDF are not read): without limits no law is the quickest"
@@ -97,7 +90,7 @@ class Request(PlanOptions):
         return request
 
     def __post_init__(self) -> None:
-        """Check each option by itself, then options of the law against each other."""
+        """Check each option by itself, and convert its value; then check options against each other."""
         expect_path(self.path)
         values = vars(self)
         for name, option in OPTIONS.items():
@@ -106,16 +99,15 @@ class Request(PlanOptions):
             if option.check is not None and not is_left_open:
                 object.__setattr__(self, name, option.check(name, value))  # since the record is frozen
         self._check_crossings()
+        self._check_ends()
+        self._check_law()
+
+    def _check_law(self) -> None:
+        """Refuse limits, goals and durations that the kind of law does not have."""
         if self.cycle_time is not None and self.cycle_time < (self.duration or 0.0):
             raise InvalidInput(
                 f"cycle_time: must be at least the duration {self.duration:g} s, got {self.cycle_time:g} s"
             )
-        for name in ("start_speed", "end_speed"):
-            count = len(getattr(self, name) or ())
-            # springs follow further derivatives than those that torques contain
-            most = max(self.smoothness, HIGHEST_STATED if self.smoothness >= HIGHEST_ORDER else 0)
-            if count > most:
-                raise InvalidInput(f"{name}: needs 1 to {most} derivatives of s, got {count}")
         if self.bounded and self.law == "polynomial":
             refusal = InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
@@ -143,6 +135,11 @@ class Request(PlanOptions):
     def external_wrenches(self) -> ExternalWrenches:
         """The external wrenches along the path."""
         return ExternalWrenches.of(self.wrenches)
+
+    @property
+    def model_options(self) -> dict[str, Any]:
+        """The options of `resolve`: geometry, tolerance and friction."""
+        return {"geometry": self.geometry, "tolerance": self.tolerance, "friction": self.friction}
 
     @property
     def ends(self) -> Ends:
@@ -181,12 +178,9 @@ class Request(PlanOptions):
         stated = [limit for limit in limits if limit is not None]
         return any(map(is_limited, stated))
 
-    def _check_crossings(
-        self,
-        *,
-        max_paths: float = 1e6,  # largest s' at a crossing times the duration; feasible laws have a few
-    ) -> None:
+    def _check_crossings(self) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
+        max_paths = 1e6  # largest s' at a crossing times the duration; feasible laws have a few
         largest = np.inf if self.duration is None else max_paths / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
@@ -202,6 +196,16 @@ class Request(PlanOptions):
         for s in self.at or ():
             if not 0 < s < 1:
                 raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
+
+    def _check_ends(self) -> None:
+        """Refuse more derivatives of s at an end in motion than a law can have there."""
+        most = self.smoothness
+        if self.smoothness >= HIGHEST_ORDER:  # springs follow derivatives beyond those that torques contain
+            most = max(most, HIGHEST_STATED)
+        for name, derivatives in (("start_speed", self.start_speed), ("end_speed", self.end_speed)):
+            count = len(derivatives or ())  # type: ignore[arg-type]  # checked
+            if count > most:
+                raise InvalidInput(f"{name}: needs 1 to {most} derivatives of s, got {count}")
 
     def _check_optimal(self) -> None:
         """Refuse options that contradict the optimal law; advise the change that corrects the request.

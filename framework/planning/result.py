@@ -285,34 +285,45 @@ def certified_plan(
         dynamics: the motion under the law, with its torques, crossings and certificate.
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
             measured crossing that differ only by rounding.
-        crossed: the crossing points of a deformed robot, with the conditions (8) of the last deflections;
-            where the motion meets others, the conditions are computed.
+        crossed: the crossing points of a deformed robot in the order of time, with the conditions (8) of the
+            last deflections; where the motion meets others, the conditions are computed.
         reason, optimality: fields of the plan.
     """
-    is_known = len(crossed) == len(dynamics.crossings)
     crossings = []
     for k, measured in enumerate(dynamics.crossings):
-        changes: dict[str, Any] = {}
-        if is_known:
-            changes["condition"] = crossed[k].condition
-        elif measured.condition is not None and request.geometry == "deformed":
+        condition = measured.condition
+        if len(crossed) == len(dynamics.crossings):
+            condition = crossed[k].condition
+        elif condition is not None and request.geometry == "deformed":
             deflection = Deflection.evaluate(dynamics.deflection, measured.time)
-            changes["condition"] = coefficients_at(to_cross.branch, measured, deflection)
-        for time, speed in timing:
-            if abs(time - measured.time) < SAME_PLACE * law.duration:
-                found, acceleration = map(float, law.derivatives(time, 3)[1:])
-                is_same = abs(speed - found) < SAME_PLACE * found
-                changes |= {"time": time, "speed": speed if is_same else found, "acceleration": acceleration}
-        crossings.append(replace(measured, **changes))
+            condition = coefficients_at(to_cross.branch, measured, deflection)
+        time, speed, acceleration = _planned_motion(measured, law, timing)
+        crossings.append(
+            replace(measured, condition=condition, time=time, speed=speed, acceleration=acceleration)
+        )
     monotone = law.least_speed_ratio(request.smoothness, request.ends) > 0
-    certificate = replace(dynamics.certificate, monotone=monotone)
     return CrossingPlan(
         dynamics.robot,
         request,
         law,
         tuple(crossings),
         dynamics,
-        certificate,
+        replace(dynamics.certificate, monotone=monotone),
         reason=reason,
         optimality=optimality,
     )
+
+
+def _planned_motion(
+    crossing: Crossing, law: PlannedLaw, timing: Sequence[CrossingTime]
+) -> tuple[float, float, float]:
+    """Return time [s], s' [1/s] and s" [1/s^2] of a crossing: those of its law, or else measured ones.
+
+    Times and speeds for which the law was made replace measured ones that differ only by rounding.
+    """
+    for time, speed in timing:
+        if abs(time - crossing.time) < SAME_PLACE * law.duration:
+            _s, found, acceleration = map(float, law.derivatives(time, 3))
+            is_same = abs(speed - found) < SAME_PLACE * found
+            return time, speed if is_same else found, acceleration
+    return crossing.time, crossing.speed, crossing.acceleration

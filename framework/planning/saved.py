@@ -73,6 +73,7 @@ from framework.tolerances import FILE_ROUNDING
 FILE = "plan.json"
 VERSION = 3  # of plan.json; in earlier versions an optimal law was one Chebyshev series
 MAX_COEFFICIENTS = 2000  # of a law, several times as many as any search ends with
+MISSING = "nothing"  # in messages, for a value that the file does not have
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 # ------------------------------------------------------------------ the keys that are read
@@ -306,7 +307,12 @@ def plan_from_document(
     chained = [plan_from_document(plan, file, robot_file=robot_file) for plan in plans]
     with prefix_errors(file, InvalidInput):
         path = _make_path(stated_path, chained)
-        request = _make_request(robot, path, stated["request"], stated["duration"])
+        with prefix_errors("request", InvalidInput):
+            request = Request.of(robot, path, **stated["request"])
+        if request.duration not in (None, stated["duration"]):
+            raise InvalidInput(
+                f"duration: got {stated['duration']!r}, but the request says {request.duration!r}"
+            )
         law = _make_law(stated["law"], stated["duration"], request)
         if isinstance(path, MotionPath) and law.degree == 1:  # that of a chain alone
             plan = chain_plans(path.plans, path.leaves[:-1])
@@ -318,13 +324,7 @@ def plan_from_document(
     # the plan computed anew, which must agree with the file
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
-        dynamics = resolve_law(
-            to_cross.searched,
-            law,
-            geometry=request.geometry,
-            tolerance=request.tolerance,
-            friction=request.friction,
-        )
+        dynamics = resolve_law(to_cross.searched, law, **request.model_options)
         dynamics = share_load(dynamics, request, optimal=law.kind == OptimalLaw.kind)
         plan = certified_plan(
             to_cross,
@@ -430,19 +430,6 @@ def _make_path(stated: Document, chained: Sequence[CrossingPlan]) -> Path:
             raise InvalidInput(f"request.path.parts: needs pairs that ascend in [0, 1], got {list(part)}")
         path = Part(path, *part)
     return path
-
-
-def _make_request(robot: ParallelRobot, path: Path, stated: Document, duration: float) -> Request:
-    """Return the request with the options `stated`, checked for the robot and the law's duration [s].
-
-    Raises:
-        InvalidInput: an option is invalid, or the request has another duration.
-    """
-    with prefix_errors("request", InvalidInput):
-        request = Request.of(robot, path, **stated)
-    if request.duration not in (None, duration):
-        raise InvalidInput(f"duration: got {duration!r}, but the request says {request.duration!r}")
-    return request
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
@@ -556,27 +543,25 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
 
     Args:
         key: of the value in the whole document, such as `crossings[0].condition`.
-        stated: the value in the file.
+        stated: the value in the file, of any type.
         computed: the value computed anew.
-        size: of a number; in a mapping, or in all mappings of a list, the size of each part by its key; None
-            without one.
+        size: of a number, see `_values_agree`; None for other values. For a mapping, the sizes of its values
+            by key. For a list of mappings, the sizes in any of them.
 
     Raises:
         InvalidInput: a value of the file differs by more than rounding.
     """
-    if isinstance(computed, Mapping):
-        stated_parts = stated if isinstance(stated, Mapping) else {}
-        sizes = size or {}
+    if isinstance(computed, Mapping) and isinstance(stated, Mapping):
         for name, part in computed.items():
-            # "nothing" stands for a missing value in the message
-            _check_value(below(key, name), stated_parts.get(name, "nothing"), part, sizes.get(name))
+            _check_value(below(key, name), stated.get(name, MISSING), part, (size or {}).get(name))
         return
-    if isinstance(computed, list) and all(isinstance(part, Mapping) for part in computed):
-        for k, (entry, part) in enumerate(zip(stated, computed, strict=False)):
-            _check_value(f"{key}[{k}]", entry, part, size)
+    has_entries = isinstance(computed, list) and all(isinstance(entry, Mapping) for entry in computed)
+    if has_entries and isinstance(stated, list):
         _check_value(key, len(stated), len(computed), None)
+        for k, (stated_entry, entry) in enumerate(zip(stated, computed, strict=True)):
+            _check_value(f"{key}[{k}]", stated_entry, entry, size)
         return
-    if not _values_agree(stated, computed, size):
+    if isinstance(computed, Mapping) or not _values_agree(stated, computed, size):
         raise InvalidInput(
             f"{key}: the file says {short(stated)}, the robot now needs {short(computed)}: the robot has "
             f"changed since; plan again"

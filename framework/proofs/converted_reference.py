@@ -67,14 +67,15 @@ def _other_modes(robot: ParallelRobot) -> list[str]:
     except FrameworkError:  # such as motors that do not determine the pose
         return []
     others = [mode.q for mode in found if _moves_apart(robot, mode.q)]
-    max_listed = 4
+    place = f"mode: {robot.place(robot.reference.x)}; the same motor positions close the loops otherwise, too"
+    max_listed, max_joints = 4, 8
+    if len(robot.joints) > max_joints:
+        values = " ".join(f"{value:.6g}" for value in motors)
+        listing = f"crossing pose FILE --motors {values} --all lists with a reference each"
+        return [f"{place}, in {len(others)} ways, which {listing}"] if others else []
     words = list(islice(filter(None, (_reference_option(robot, q) for q in others)), max_listed))
-    if not words:
-        return []
-    more = len(others) - len(words)
-    listed = "; or ".join(words) + (f"; and {more} more" if more else "")
-    place = robot.place(robot.reference.x)
-    return [f"mode: {place}; the same motor positions close the loops otherwise, too, with {listed}"]
+    more = f"; and {len(others) - len(words)} more" if len(others) > len(words) else ""
+    return [f"{place}, with {'; or '.join(words)}{more}"] if words else []
 
 
 def _moves_apart(robot: ParallelRobot, q: Array) -> bool:
@@ -88,7 +89,7 @@ def _reference_option(robot: ParallelRobot, q: Array) -> str:
 
     Joints have six digits.
     """
-    values = {name: float(f"{value:.6g}") + 0.0 for name, value in robot.reference_values(q).items()}
+    values = robot.printed_reference(q)
     try:
         posed = ParallelRobot.from_description(replace(robot.description, reference=values))
     except FrameworkError:

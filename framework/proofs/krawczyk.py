@@ -101,11 +101,13 @@ class Existence(NamedTuple):
 def prove_existence(
     equations: LinearEnclosure, slope_changes: Array, radii: Array, parameter: IntArray | None
 ) -> Existence:
-    """Test whether m equations have one solution in each of S boxes.
+    """Prove by Krawczyk's test that m equations have one solution in each of S boxes.
 
     There are k = m unknowns, or k = m + 1 with a parameter p, which takes all values within its radius. The
-    equation of the parameter is d_p = p, so the square J (S, k, k) has the unit row of p below the slopes.
-    The solutions are root + along p + error, where the vector along = Y [0; 1] is the column of p.
+    equation of the parameter is z_p = p, so the square J (S, k, k) has the unit row of p below the slopes.
+    The map z -> z - Y F(z) of this file's docstring takes the box to root + along p + error. Here root is its
+    value at the middle, -Y F(0), and along = Y [0; 1] its derivative by p. If this image lies inside the box,
+    each p has exactly one solution, and the solution lies in the image.
 
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
@@ -114,20 +116,20 @@ def prove_existence(
         parameter: (S,) index of the unknown p; None without a parameter.
     """
     S, m, k = equations.slopes.shape
-    # J, values and errors of m equations and of d_p = p, which is exact; p = 0 at the middle
+    # J, values and errors of m equations and of z_p = p, which is exact; p = 0 at the middle
     parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
     J = np.hstack([equations.slopes, parameter_rows])
-    exact = np.zeros((S, k - m))
+    exact = np.zeros((S, k - m))  # value and error of z_p = p
     newton = NewtonMap.of(J, np.hstack([equations.values, exact]))
-    value_errors = equations.errors + ROUND_UP * np.matvec(slope_changes, radii)
-    errors = newton.errors(np.hstack([value_errors, exact]), radii)
+    value_errors = equations.errors + ROUND_UP * np.matvec(slope_changes, radii)  # (S, m)
+    errors = newton.errors(np.hstack([value_errors, exact]), radii)  # (S, k)
 
     # the image of the box
     along = newton.Y[:, :, m:].sum(axis=2)  # (S, k) the column of p, or 0 without p
     p_radius = np.max(radii, axis=1, where=is_parameter, initial=0.0)[:, None]  # (S, 1)
-    reach = ROUND_UP * (errors + np.abs(along) * p_radius)  # largest distance from the root
-    is_inside = ROUND_UP * (np.abs(newton.root) + reach) < radii  # the image is in the box
+    reach = ROUND_UP * (errors + np.abs(along) * p_radius)  # (S, k) largest distance from the root
+    is_inside = ROUND_UP * (np.abs(newton.root) + reach) < radii  # (S, k) the image is in the box
     is_inside |= is_parameter  # p is given, not solved for
     return Existence(
         proved=is_inside.all(axis=1) & newton.has_inverse,

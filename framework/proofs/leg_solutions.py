@@ -166,21 +166,30 @@ def _joints_and_balls(robot: ParallelRobot) -> list[IntArray]:
     Files model balls so. Nothing else is fixed to the links between such hinges.
     """
     model = robot.model
+    parents = model.parents.tolist()
     single = {model.joints[j].idx_v for j in range(1, model.njoints) if model.joints[j].nv == 1}
-    crossed = single.difference(robot.actuated.tolist(), np.flatnonzero(robot.sliding).tolist())
-    bodies = {model.frames[frame].parentJoint for frame in robot.frames}
-    runs: list[list[int]] = []  # joints in series through a point
+    hinges = single.difference(robot.actuated.tolist(), np.flatnonzero(robot.sliding).tolist())
+    is_hinge = [joint.idx_v in hinges for joint in model.joints]  # passive, by joint
+    carries_frame = {model.frames[frame].parentJoint for frame in robot.frames}
+
+    def continues(j: int) -> bool:
+        """Return whether joint j is a hinge through a point of its parent, also a hinge, and nothing else."""
+        parent = parents[j]
+        if parent == 0 or parent != j - 1 or not (is_hinge[j] and is_hinge[parent]):
+            return False
+        is_link_free = parents.count(parent) == 1 and parent not in carries_frame
+        offset = np.linalg.norm(model.jointPlacements[j].translation)
+        return is_link_free and bool(offset <= SAME_PLACE * robot.length)
+
+    chains: list[list[int]] = []  # of joints, each through a point of the one before
     for j in range(1, model.njoints):
-        previous = model.parents[j]
-        joins = (
-            previous == j - 1 > 0
-            and crossed.issuperset((model.joints[j].idx_v, model.joints[previous].idx_v))
-            and np.linalg.norm(model.jointPlacements[j].translation) <= SAME_PLACE * robot.length
-            and model.parents.tolist().count(previous) == 1
-            and previous not in bodies
-        )
-        runs = [*runs[:-1], [*runs[-1], j]] if joins else [*runs, [j]]
-    groups = [group for run in runs for group in ([run] if len(run) > 2 else [[j] for j in run])]
+        if continues(j):
+            chains[-1].append(j)
+        else:
+            chains.append([j])
+    groups: list[list[int]] = []
+    for chain in chains:
+        groups += [chain] if len(chain) >= 3 else [[j] for j in chain]
     owner = tree_columns(robot).owner
     return [np.flatnonzero(np.isin(owner, group)) for group in groups]
 

@@ -147,11 +147,16 @@ class Displacements:
         return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Find a random unit point (N,) on the fixed quadric, or anywhere without one."""
+        """Find a random unit point (N,) on the fixed quadric z' S z = 0, or anywhere without one.
+
+        The quadric has z and all multiples of z.
+        """
         z, direction = complex_normal(rng, (2, self.size))  # (N,) each
-        for S in self.fixed:  # z + t direction is on the quadric at the roots t
+        if len(self.fixed):
+            (S,) = self.fixed
+            # z + t direction is on the quadric at the roots t; either will do
             t = np.roots([direction @ S @ direction, 2 * z @ S @ direction, z @ S @ z])
-            z = z + t[0] * direction  # either root will do
+            z = z + t[0] * direction
         return z / np.linalg.norm(z)
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:

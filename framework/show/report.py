@@ -31,7 +31,7 @@ from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
 from framework.show.plots import plan_drawings
 from framework.show.scene import film_documents
-from framework.show.style import figure_file, use_style
+from framework.show.style import page_figure, use_style
 
 PROOF = (
     "The torques are functions of time known on the nodes of their series, which would leave out 1e-3 of an "
@@ -200,7 +200,7 @@ def _figures_html(plan: CrossingPlan, film: Film) -> str:
     where = "at the singular instant" if film.instants else "halfway"
     locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
     dashed = " Dashed: the singular instants." if plan.crossings else ""
-    captions = {"robot": f"The robot {where}: path (green), t_s (black), W_p (magenta){locus}."}
+    captions = {"robot": f"The robot {where}: path (green), t_s (double arrow), W_p (magenta){locus}."}
     if plan.crossings:
         captions["eye"] = (
             "The eye of the needle: at the singular instant the motors give nothing along t_s. The motion "
@@ -223,7 +223,7 @@ def _figures_html(plan: CrossingPlan, film: Film) -> str:
         )
     for number, (name, caption) in enumerate(captions.items(), 1):
         with use_style():
-            drawing = figure_file(drawings[name]().figure, "svg")
+            drawing = page_figure(drawings[name]().figure)
         data = b64encode(drawing).decode("ascii")
         figures.append(
             f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from framework.atlas.design_study import DesignStudy
 from framework.atlas.quantities import QUANTITIES
@@ -113,12 +114,17 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
 
 
 def plot_robustness(
-    studies: Sequence[Study], axes: Sequence[Axes] | None = None, *, loop: ControlLoop
+    studies: Sequence[Study],
+    axes: Sequence[Axes] | None = None,
+    *,
+    loop: ControlLoop,
+    length: float | None = None,
 ) -> Axes:
     """Plot the share of runs below a tracking error, and below a peak torque.
 
     Each controller has one curve. Upright lines are the tolerance and the torque limits of the control loop;
-    limits far above all torques are told in the label of the axis.
+    limits far above all torques are told in the label of the axis. With the robot's `length` [m] the
+    tolerance is told in millimetres too.
     """
     axes = new_figure(2, height=1.9, shared=False) if axes is None else list(axes)
     for k, study in enumerate(studies):
@@ -131,7 +137,12 @@ def plot_robustness(
     for ax in axes:
         ax.set(ylabel="share of the runs", ylim=(0.0, 1.05))
     errors.set(xscale="log", xlabel="largest tracking error  [robot lengths, rad]")
-    errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label=f"tolerance {loop.tolerance:.2g}")
+    errors.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+    errors.xaxis.set_major_formatter("{x:g}")
+    errors.xaxis.set_minor_formatter("")
+    in_millimetres = "" if length is None else f" ({1e3 * length * loop.tolerance:.3g} mm)"
+    label = f"tolerance {loop.tolerance:.2g}{in_millimetres}"
+    errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label=label)
     limits = np.unique(loop.limit or ())
     is_near = limits < 2.0 * torques.get_xlim()[1]
     for limit in limits[is_near]:

@@ -139,6 +139,20 @@ def page_colors() -> str:
     return f"{light}\n{scheme}\n@media screen and (prefers-color-scheme: dark) {{ {dark} }}"
 
 
+def page_figure(drawing: FigureBase) -> bytes:
+    """Return a figure as an svg file that is dark where the page is.
+
+    Colours become the variables of the pages. Shades of lit bodies have no name, and stay.
+    """
+    names = {color: name for name, color in PAGE_COLORS.items() if name in DARK_COLORS}
+    names |= {"#000000": "ink", CROSSING: "soft"}
+    text = figure_file(drawing, "svg").decode()
+    for color, name in names.items():
+        text = text.replace(f": {color}", f": var(--{name})")
+    style = f"<style>{page_colors()} text {{ fill: var(--ink); }}</style>"
+    return text.replace("<defs>", f"<defs>{style}", 1).encode()
+
+
 def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> list[Axes]:
     """Return `rows` axes of a new figure one journal column wide, `height` [in] each.
 

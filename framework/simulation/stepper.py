@@ -272,7 +272,7 @@ class Stepper:
         )
 
         v_middle = v + 0.5 * h * guess
-        _frames, bias, drift = self._terms_of_motion(middle, v_middle)
+        _, bias, drift = self._terms_of_motion(middle, v_middle, terms.frames)
         terms = terms._replace(bias=bias, drift=drift)
         v_end = v + h * self._solve_accelerations(
             implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * terms.drift
@@ -391,11 +391,13 @@ class Stepper:
         lines = Lines.of(self.robot, frames, springs) if springs.names else None
         return Terms(mass, bias, frames, *loops, lines, drift)
 
-    def _terms_of_motion(self, q: Array, v: Array) -> tuple[FrameStack, Array, Array]:
+    def _terms_of_motion(
+        self, q: Array, v: Array, frames: FrameStack | None = None
+    ) -> tuple[FrameStack, Array, Array]:
         """Compute frames, bias forces c + g (R, nv) and drifts (R, r) of R runs.
 
         Bias forces are Coriolis, centrifugal and gravity forces. A drift is the second time derivative of a
-        loop equation without joint accelerations.
+        loop equation without joint accelerations. Frames that are known at q are not computed again.
         """
         scratch = scratch_of(self.robot)
         runs, nv = v.shape
@@ -407,10 +409,11 @@ class Stepper:
             bias[k] = pin.nonLinearEffects(model, scratch.data, q[k], v[k])
             # screws, twists and their rates; then placements
             pin.computeForwardKinematicsDerivatives(model, scratch.data, q[k], v[k], rest)
-            pin.updateFramePlacements(model, scratch.data)
-            placements[k], screws[k] = scratch.placements, scratch.screws
             twists[0, k], twists[1, k] = scratch.velocities, scratch.accelerations
-        frames = FrameStack.of(scratch, placements, screws, q)
+            if frames is None:
+                pin.updateFramePlacements(model, scratch.data)
+                placements[k], screws[k] = scratch.placements, scratch.screws
+        frames = FrameStack.of(scratch, placements, screws, q) if frames is None else frames
         motions = move_with_bodies(self.robot, frames, twists)
         return frames, bias, closure_drift(self.equations[0].rows, motions, q, v)
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
+from framework.kinematics.continuation.arclength import correct_points
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
@@ -34,7 +35,6 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, join, select
-from framework.numerics.ordered_sums import solve
 from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient
@@ -210,6 +210,12 @@ class Points(NamedTuple):
         return select(self, np.array([k]))
 
 
+class _Poses(NamedTuple):
+    """Configurations of S curves."""
+
+    q: Array  # (S, nq)
+
+
 class Curve(NamedTuple):
     """A traced curve."""
 
@@ -338,27 +344,21 @@ def advance(
     Returns:
         The points; which correctors have not failed, (S,).
     """
-    max_corrections = 6  # Newton steps
     max_correction_ratio = 0.25  # ratio of the sum of all corrections to the step
     ahead = step[:, None]
-    q = equations.move(points.q, ahead * points.tangent + 0.5 * ahead**2 * curvature)
-    correction = np.zeros(len(step))  # [rad, robot lengths] by all Newton steps so far
-    for _ in range(max_corrections):
-        # one border and one basis, so that g is one smooth function
-        evaluated = equations.evaluate(q, points.border, points.bases)
-        # solve dF/du change = -F and t' change = 0: the last equation keeps the change normal to the tangent
-        values = np.pad(evaluated.values, ((0, 0), (0, 1)))  # (S, k)
-        change = -solve(_append_tangent(evaluated.slopes, points.tangent), values)  # (S, k)
-        size = np.abs(change).max(axis=1)
-        correction += size
-        goes_on = correction < max_correction_ratio * step  # not if the system is singular
-        q = equations.move(q, np.where(goes_on[:, None], change, 0.0))
-        if not (goes_on & (size >= NEWTON_STEP)).any():
-            break
-    # `evaluated`, before a last step below NEWTON_STEP, holds at q as well
-    next_points = curve_points(q, evaluated, points)
+    poses, evaluated, _, converged = correct_points(
+        # one border and one basis along a step, so that g is one smooth function
+        lambda poses, rows: equations.evaluate(poses.q, select(points.border, rows), points.bases[rows]),
+        lambda poses, change, _: _Poses(equations.move(poses.q, change)),
+        _Poses(equations.move(points.q, ahead * points.tangent + 0.5 * ahead**2 * curvature)),
+        points.tangent,
+        longest=max_correction_ratio * step,
+        repeats=np.zeros(len(step), dtype=bool),
+    )
+    # `evaluated`, before a last step below NEWTON_STEP, holds at the poses as well
+    next_points = curve_points(poses.q, evaluated, points)
     turn = np.linalg.norm(next_points.tangent - points.tangent, axis=1)
-    return next_points, goes_on & (size < NEWTON_STEP) & (turn < MAX_TANGENT_TURN)
+    return next_points, converged & (turn < MAX_TANGENT_TURN)
 
 
 def _append_tangent(slopes: Array, tangent: Array) -> Array:

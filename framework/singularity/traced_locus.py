@@ -171,19 +171,14 @@ def _trace_branches(
         if any(passes_point(equations, curve.points, start) for curve, _ in curves):
             continue
         curve = trace_curve(equations, start, region.contains, longest)
-        crossings = _find_branch_points(equations, curve)
+        along = curve.points
+        changes = np.flatnonzero(along.determinant[1:] * along.determinant[:-1] < 0)  # of det [dF/du ; t']
+        crossings = [branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
         curves.append((curve, crossings))
         for crossing in crossings:
             branches = points_on_crossing_curve(equations, crossing)
             starts += [point for point in branches if region.contains(point.q)[0]]
     return curves
-
-
-def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """Find the branch points of a curve, where det [dF/du ; t'] changes its sign."""
-    points = curve.points
-    changes = np.flatnonzero(points.determinant[1:] * points.determinant[:-1] < 0)
-    return [branch_point(equations, points.single(k), points.single(k + 1)) for k in changes]
 
 
 def _describe_curve(

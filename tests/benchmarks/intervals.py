@@ -2,9 +2,9 @@
 
 Recordings of robots whose masses, rotors and friction differ from their files', by closed inverse dynamics:
 one stroke, strokes to and fro on a line, and sums of sines. Encoders have 16 bits and half a step of noise,
-torques 1 % of noise, steps of 0.2 % and a scale that is off by 0.5 %. A parameter counts as determined if the
-data leave less than a third of the file's deviation, and its deviation is below its true value or a twentieth
-of its typical size.
+torques 1 % of noise, steps of 0.2 % and a scale that is off by 0.5 %. A parameter counts as `identify` says,
+if its deviation is below its true value or a twentieth of its typical size. Kinds are friction and damping,
+sums with a rotor, and other sums of bodies.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from framework.identification import (
 from framework.identification.least_squares import estimate
 from framework.identification.measured_motion import measured_motion
 from framework.identification.torque_rows import torque_rows
-from framework.identification.unknowns import choose_unknowns, is_determined
+from framework.identification.unknowns import choose_unknowns, is_narrowed, rests_on_data
 from framework.kinematics import close_loops
 
 ROBOTS = ("five_bar_heavy", "slider_crank", "three_rrr", "four_bar", "delta", "orthoglide")
-MOTIONS = {"stroke": (1.0, 1000.0), "to and fro": (4.0, 500.0), "sines": (4.0, 500.0)}  # [s], [Hz]
+MOTIONS = {"stroke": (1.0, 250.0), "to and fro": (4.0, 125.0), "sines": (4.0, 125.0)}  # [s], [Hz]
+KINDS = ("friction", "rotor", "body")
 STEP = 2.0 * np.pi / 2**16  # [rad] of encoders; of slides without a gear 1e-6 m
 HARMONICS = np.array([1, 2, 3, 5, 7, 9, 11])
 
@@ -40,13 +41,12 @@ class Coverage(NamedTuple):
 
     ratios: np.ndarray  # (R, r)
     determined: np.ndarray  # (R, r)
+    kinds: np.ndarray  # (r,) of KINDS
 
-    @property
-    def share(self) -> float:
+    def share(self, kind: str = "") -> float:
         """Share of the intervals of 95 % of determined parameters that contain the truth."""
-        return (
-            float(np.mean(np.abs(self.ratios[self.determined]) < 1.96)) if self.determined.any() else np.nan
-        )
+        counted = self.determined & ((self.kinds == kind) | (not kind))
+        return float(np.mean(np.abs(self.ratios[counted]) < 1.96)) if counted.any() else np.nan
 
 
 def platform_motion(robot: ParallelRobot, motion: str, size: float):
@@ -132,16 +132,23 @@ def measure_coverage(name: str, motion: str, runs: int) -> Coverage:
     sizes = base.described.sizes[base.combinations.leading]
     unknowns = choose_unknowns(base, collect_link_parameters(nominal, base.described))
     by_prior = np.linalg.norm(unknowns.design, axis=1)
+    with_rotor = [
+        bool(base.combinations.coefficients[k, -3 * nominal.n_a :: 3].any()) for k in range(base.rank)
+    ]
+    of_friction = base.combinations.leading >= len(theta) - 3 * nominal.n_a
+    kinds = np.where(with_rotor, "rotor", np.where(of_friction, "friction", "body"))
     exact = exact_motors(true, motion)
     ratios, determined = [], []
     for seed in range(runs):
         measured = measured_motion(nominal, record(true, exact, seed))
         found = estimate(torque_rows(nominal, measured, base), unknowns.design, base.values)
-        deviations = np.linalg.norm(unknowns.design @ found.spread, axis=1)
+        spread = unknowns.design @ found.spread
+        deviations = np.linalg.norm(spread, axis=1)
+        by_file = np.linalg.norm(spread @ found.spread.T, axis=1)
         ratios.append((base.values + unknowns.design @ found.values - truth) / deviations)
         small = deviations < np.maximum(np.abs(truth), 0.05 * sizes)
-        determined.append(is_determined(deviations, by_prior) & small)
-    return Coverage(np.array(ratios), np.array(determined))
+        determined.append(is_narrowed(deviations, by_prior) & rests_on_data(deviations, by_file) & small)
+    return Coverage(np.array(ratios), np.array(determined), kinds)
 
 
 def main() -> None:
@@ -150,14 +157,12 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--robots", nargs="+", default=ROBOTS)
     options = parser.parse_args()
-    print("robot            motion      parameters determined   intervals of 95 % that hold")
+    print("robot            motion     determined   intervals of 95 % that hold", *KINDS)
     for name in options.robots:
         for motion in MOTIONS:
             found = measure_coverage(name, motion, options.runs)
-            print(
-                f"{name:16} {motion:12} {100 * found.determined.mean():8.0f} % {100 * found.share:24.1f} %",
-                flush=True,
-            )
+            shares = [f"{100 * found.share(kind):6.1f} %" for kind in ("", *KINDS)]
+            print(f"{name:16} {motion:10} {100 * found.determined.mean():8.0f} %", *shares, flush=True)
 
 
 if __name__ == "__main__":

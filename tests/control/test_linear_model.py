@@ -151,7 +151,7 @@ def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, senso
 def test_on_its_plan_a_controller_asks_for_the_torque_of_the_period_in_which_it_acts(delay):
     ref = reference("five_bar", "C", "rigid", 2e-3)
     controller = tuned_controller("lqg", ref, loop=ControlLoop(delay=delay))
-    readings = np.zeros((1, controller.filter.C.shape[1]))
+    readings = np.zeros((1, controller.plant.C.shape[1]))
     for k in (0, 100, len(ref.times) - 1):
         on_plan = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, readings)
         acts = min(k + round(delay / 2e-3), len(ref.times) - 1)
@@ -196,6 +196,7 @@ def test_weights_are_chosen_for_springs_at_the_ends_of_their_spread():
     chosen, prediction = wide.tune_lqg(loop)
     assert wide.predict("lqg", chosen, loop) == prediction
     assert prediction.ends > wide.predict("lqg", narrow, loop).ends
+    assert prediction.ends >= wide._tune(loop, 1.0, 1.0)[1].ends
 
 
 def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():
@@ -207,9 +208,7 @@ def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():
     plant = Plant(np.tile(F, (count, 1, 1)), np.tile(G, (count, 1, 1)), *rows)
     gain = np.tile([[4.0, 4.0, 0.0]], (count, 1, 1))
     for delay in (0, 3):
-        deviation = closed_loop_deviation(
-            plant, Feedback(gain, delay, None, predicts=False), np.array([0.0, 0.0, 0.2])
-        )
+        deviation = closed_loop_deviation(plant, Feedback(gain, delay), np.array([0.0, 0.0, 0.2]))
         np.testing.assert_allclose(deviation.z[0, -1, 0], 0.05, rtol=1e-3)
         np.testing.assert_allclose(deviation.torque[0, -1], 0.2, rtol=1e-3)
 
@@ -219,7 +218,7 @@ def test_of_a_filtered_number_the_deviation_is_that_of_its_closed_form():
     count = 4000
     one = np.ones((count, 1, 1))
     plant = Plant(one, one, one, 0 * one)
-    feedback = Feedback(0.5 * one, 0, Observer(0.5 * one, np.ones(1)), predicts=True)
+    feedback = Feedback(0.5 * one, 0, Observer(0.5 * one, np.ones(1)))
     step = np.array([[0.75, -0.25], [0.25, 0.25]])  # of (z, z^)
     by_noise = np.array([[-0.25], [0.25]])
     variance = np.linalg.solve(np.eye(4) - np.kron(step, step), np.kron(by_noise, by_noise))[0, 0]
@@ -232,7 +231,7 @@ def test_a_robot_with_other_springs_is_read_by_its_own_readings():
     """Readings twice as large count as twice the error: the first estimate is z, not half of it."""
     one = np.ones((3, 1, 1))
     model, other = Plant(one, one, one, 0 * one), Plant(one, one, 2 * one, 0 * one)
-    feedback = Feedback(one, 0, Observer(0.5 * one, np.zeros(1)), predicts=True)
+    feedback = Feedback(one, 0, Observer(0.5 * one, np.zeros(1)))
     z = closed_loop_deviation(model, feedback, np.ones(1), robots=[model, other]).z[:, :, 0]
     np.testing.assert_allclose(z[0, :2], [1.0, 0.5])
     np.testing.assert_allclose(z[1, :2], [1.0, 0.0], atol=1e-15)
@@ -270,10 +269,10 @@ def test_sensors_are_read_by_name_and_refused_by_name():
     elbows = [
         robot.coordinates.name_of(c) for c in range(robot.nv) if "elbow" in robot.coordinates.name_of(c)
     ]
-    one = sensors_of(robot, ControlLoop(sensors=f"motors elbows:{elbows[0]}", counts=100)).joints
+    one = sensors_of(robot, ControlLoop(sensors=f"motors elbows:{elbows[0]}", counts=100))
     assert one.S.shape == (3, robot.nv)
     np.testing.assert_allclose(one.step[:2] * robot.gear_ratio, 2 * np.pi / 100)
-    links = sensors_of(robot, ControlLoop(sensors="links")).joints
+    links = sensors_of(robot, ControlLoop(sensors="links"))
     assert (np.abs(links.S).sum(axis=1) == 2).all()  # joint and deflection
     with pytest.raises(InvalidInput, match="passive joint"):
         sensors_of(robot, ControlLoop(sensors="elbows:knee"))
@@ -322,7 +321,7 @@ def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, dela
     loop = ControlLoop(sensors="motors elbows", delay=delay, counts=8192, link_counts=2**18)
     ours = tuned_controller("lqg", ref, loop=loop, spread=Spread(payload=0.1, friction=0.05)).start(1)
     random = np.random.default_rng(2)
-    S = ours.regulator.filter.sensors.joints.S
+    S = ours.regulator.sensors.S
     for k in range(40):
         off = 1e-3 * random.standard_normal(len(S))
         measured = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, off[None])

@@ -83,8 +83,9 @@ def test_a_refusal_is_said_from_its_parts_also_behind_a_process():
     wrong = pickle.loads(pickle.dumps(errors.RobotFileError("no loop").naming("arm.yaml").adding("add one")))
     assert (wrong.name, wrong.message, wrong.clauses) == ("arm.yaml", "no loop", ("add one",))
     assert str(wrong) == "arm.yaml: no loop; add one"
-    again = pickle.loads(pickle.dumps(refusal.adding("nor does a bend help")))
-    for error in (refusal, again):
+    more = refusal.adding("nor does a bend help").advising({"bend": None})
+    assert (refusal.clauses, refusal.remedy) == (("give other times",), None)  # an error does not change
+    for error in (more, pickle.loads(pickle.dumps(more))):
         assert (error.message, error.clauses) == (
             "the law turns back",
             ("give other times", "nor does a bend help"),

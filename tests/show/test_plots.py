@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import matplotlib
 import matplotlib.image
@@ -18,7 +19,7 @@ from framework.show.film import film_plan
 from framework.show.map import plot_locus
 from framework.show.plots import plot_eyes, plot_phase_plane
 from framework.show.study_figures import plot_fidelity, plot_robustness
-from framework.show.style import LOCUS, figure_file, new_figure, use_style
+from framework.show.style import LOCUS, figure_file, new_figure, page_figure, use_style
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
 
@@ -66,6 +67,11 @@ def test_the_law_is_drawn_with_its_derivatives(plan):
     assert str(plan.law.degree) in axes[0].get_title(loc="left")
     with use_style():  # a browser has no font of TeX, in which a prime is the digit 0
         assert "font-family: 'cm" not in figure_file(axes[0].figure, "svg").decode()
+        on_page = page_figure(axes[0].figure).decode()
+    ElementTree.fromstring(on_page)
+    drawn = on_page.split("</style>", 1)[1]  # every colour is one that dark pages change
+    assert not re.findall(r": #[0-9a-f]{6}", drawn)
+    assert {"ink", "paper", "series-0"} <= set(re.findall(r"var\(--([a-z0-9-]+)\)", drawn))
 
 
 def test_the_torques_are_drawn_motor_by_motor(plan):
@@ -299,7 +305,8 @@ def test_limits_of_a_robustness_figure_are_drawn_or_told(limit, drawn, words):
         peak_torque=np.array([[0.1, 0.2], [0.3, 0.1]]),
     )
     loop = SimpleNamespace(tolerance=1e-2, limit=limit)
-    _, torques = plot_robustness([study], loop=loop).figure.axes
+    errors, torques = plot_robustness([study], loop=loop, length=0.5).figure.axes
+    assert errors.get_legend_handles_labels()[1][-1] == "tolerance 0.01 (5 mm)"
     assert [line.get_xdata()[0] for line in torques.lines[1:]] == drawn
     assert torques.get_xlabel() == f"peak motor torque  [N m]\n{words}".rstrip()
 

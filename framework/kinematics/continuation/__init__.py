@@ -1,6 +1,7 @@
 """Branches of assembled configurations, followed without jumping to another branch. Open `tracking` first.
 
-* `predictor_corrector`: tests that a step stays on its branch; the turning point at which a branch ends;
+* `predictor_corrector`: tests that a step stays on its branch;
+* `arclength`: curves along which a share grows, also of loads, up to the turning point at which they end;
 * `path_sheet`: the branch along a path on panels of Chebyshev nodes, closed in stacks;
 * `tracking`: the configurations while the platform follows a path: `assemble`, `track_path`; where panels
   end, single steps, and the error where the branch ends;

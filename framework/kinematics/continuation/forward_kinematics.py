@@ -25,7 +25,6 @@ from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     assembled_at,
     clearance,
-    linearised_at,
     linearised_at_reference,
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -72,8 +71,7 @@ def forward_kinematics(
     target = motor_joints_of(robot, q_a)
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    end = follow_curves(robot, start.curve, start.linearised, target[None])
-    linearised = linearised_at(robot, end.q)
+    end, linearised = follow_curves(robot, start.curve, start.linearised, target[None])
     if end.share[0] < 1.0:  # the motors have not arrived
         raise curve_end_error(robot, end, linearised, target)
     return _pose_at(robot, end, linearised)
@@ -185,8 +183,7 @@ def forward_kinematics_stack(
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    ends = follow_curves(robot, start.curve, start.linearised, targets)
-    linearised = linearised_at(robot, ends.q)
+    ends, linearised = follow_curves(robot, start.curve, start.linearised, targets)
     refused: dict[int, NotAssembled] = {}
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))

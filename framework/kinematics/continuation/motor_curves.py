@@ -1,11 +1,9 @@
 """Curves of poses along which the motors turn from one pose to prescribed angles, many targets at once.
 
 All motors turn in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with P and J_a the
-passive and the actuated columns of the loop equations. Each target has its own curve with its own steps. With
-s the share of the turn, a step follows the tangent dq/ds; then Newton's method closes the loops. A step is
-accepted if it passes the tests of `predictor_corrector` and det P keeps its sign; otherwise it is halved.
-Where P loses rank, assembly modes meet and the curve ends. It ends at a turning point, which is found as a
-root, or where branches cross, near which steps become ever shorter.
+passive and the actuated columns of the loop equations. Each target has its own curve, which `arclength`
+follows in steps of its own. Where P loses rank, assembly modes meet and the curve ends. It ends at a turning
+point, which is found as a root, or where branches cross, near which steps become ever shorter.
 """
 
 from __future__ import annotations
@@ -15,18 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.continuation.predictor_corrector import (
-    BRANCH_GROWTH,
-    FIRST_STEP_RATIO,
-    MAX_STEP_RATIO,
-    MIN_STEP_RATIO,
-    CurveEnds,
-    CurveEquations,
-    Curves,
-    limit_steps,
-    measure_steps,
-)
-from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
+from framework.kinematics.continuation.arclength import CurveReason, Curves, StepEnds
+from framework.kinematics.frames import difference, frames_at, full_motion, integrate_columns
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
@@ -36,150 +24,133 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
 )
 from framework.kinematics.loop_ranges import relative_orientation
-from framework.kinematics.modes import keeps_sign, passive_determinants
+from framework.kinematics.modes import keeps_sign
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
-from framework.tolerances import BRANCH_CORRECTION, BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST, SAME_PLACE
+from framework.numerics.arrays import Array, BoolArray, IntArray, select
+from framework.numerics.ordered_sums import singular_values
+from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
 
 class MotorCurves(NamedTuple):
-    """The state of T motor curves: the last pose on each curve, and extremes so far."""
+    """The ends of T motor curves, and extremes on the way."""
 
     q: Array  # (T, nq)
     x: Array  # (T, n) platform coordinates, with whole turns since the start
-    rate: Array  # (T, nv) dq/ds
     share: Array  # (T,) share s of the turn; 1 where the motors have arrived
     steps: IntArray  # (T,) number of steps taken
     clearance: Array  # (T,) least singular value of P at q
     least: Array  # (T,) least clearance on the curve
     largest: Array  # (T,) largest clearance on the curve
+
+
+class MotorEquations(NamedTuple):
+    """The m loop equations at T points of motor curves, dimensionless."""
+
+    values: Array  # (T, m)
+    slopes: Array  # (T, m, n_p + 1) by the passive joints, P, and by the share of the turn
     bases: Array  # (T, R, m) of the ranges of the loops' rows, to which det P refers
-    determinant_sign: Array  # (T,) of det P
-    log_determinant: Array  # (T,) log |det P|
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n).
-
-    Their joint rates are zero, because the turns of the motors are not known here.
-    """
+    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n)."""
     frames = linearised.frames
-    count = len(frames.q)
     clearances = clearance(robot, linearised)
-    sign, logarithm = passive_determinants(linearised)
     return MotorCurves(
         q=frames.q,
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
-        rate=np.zeros((count, robot.nv)),
-        share=np.zeros(count),
-        steps=np.zeros(count, dtype=np.intp),
+        share=np.zeros(len(frames.q)),
+        steps=np.zeros(len(frames.q), dtype=np.intp),
         clearance=clearances,
         least=clearances,
         largest=clearances,
-        bases=linearised.bases,
-        determinant_sign=sign,
-        log_determinant=logarithm,
     )
 
 
 def follow_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, targets: Array
-) -> MotorCurves:
-    """Turn the motors from one pose towards T targets (T, n_a).
+) -> tuple[MotorCurves, LinearisedLoops]:
+    """Turn the motors from one pose towards T targets (T, n_a); return the ends and the loops there.
 
     `start` and `linearised` (T = 1) describe this pose. A curve with a `share` below 1 has ended early, at a
     Type 2 singularity or where it cannot be followed.
+
+    A step keeps its branch if det P keeps its sign. It is long, or the tangent turns, only where P is far
+    from losing rank, so that no other branch crosses. Assembly modes meet at a singularity. If the clearance
+    grows again after a curve has approached one, the step has passed the singularity.
     """
+    short, long = 0.1, 0.3  # [rad, lengths] largest motions of a joint in a step
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
+    passive = robot.following
+    loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
+
+    def equations_of(loops_at: LinearisedLoops, rows: IntArray) -> MotorEquations:
+        """Return the equations of the curves `rows` (R,) at linearised loops (T = R)."""
+        loops = independent_loops_matrix(robot, loops_at)  # (R, m, nv)
+        by_share = np.matvec(loops, turn[rows] / robot.column_scale)
+        slopes = np.concatenate([loops[:, :, passive], by_share[:, :, None]], axis=2)
+        return MotorEquations(loops_at.residual[:, robot.n :] / loop_sizes, slopes, loops_at.bases)
+
+    def evaluate(q: Array, _: Array, rows: IntArray) -> MotorEquations:
+        """Compute the equations at q (R, nq); they depend on the share (R,) only by q."""
+        return equations_of(linearised_at(robot, q), rows)
+
     copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    curves = select(start, copies)  # copies of the arrays of `start`, to be changed in place
-    curves.share[:] = 0.0
-    curves.steps[:] = 0
+    # state of the curves at their last points, changed in place
+    curves = select(start, copies)._replace(share=np.zeros(len(turn)), steps=copies.copy())
     curves.least[:] = curves.clearance
     curves.largest[:] = curves.clearance
-    curves = curves._replace(rate=rates_closing_loops(robot, linearised.select(copies), turn))
+    first = equations_of(linearised.select(copies), np.arange(len(turn)))
+    bases = first.bases.copy()
+    determinants = np.array(np.linalg.slogdet(first.slopes[:, :, :-1]))  # (2, T) signs, log |det P|
+    approaching = np.zeros(len(turn), dtype=bool)
+    longest = np.full(len(turn), long)
 
-    # a curve on which no joint moves farther than a corrector may is tried in a single step
-    is_short = largest_motion(robot, curves.rate) < BRANCH_CORRECTION
-    step = np.where(is_short, 1.0, FIRST_STEP_RATIO)  # (T,) in s
-    # A curve is live until it arrives, ends, or its steps become too short. Assembly modes meet at a
-    # singularity. If the clearance grows again after a curve has approached one, the step has passed the
-    # singularity, and the curve ends before the step.
-    approaching, ended = np.zeros((2, len(turn)), dtype=bool)
-    live = np.flatnonzero(curves.clearance >= RANK_LOST)
-    while len(live):
-        current = select(curves, live)
-        step[live] = limit_steps(robot, current.rate, step[live])
-        closed, ends, correction, on_branch = _take_steps(robot, start.q[0], turn[live], current, step[live])
-        rows = live[closed]  # curves whose loops are closed after the step
+    def accept(ends: StepEnds[MotorEquations]) -> tuple[BoolArray, BoolArray]:
+        """Return which steps end on their branch, (R,), and store the state of their curves; all go on."""
+        rows, P = ends.rows, ends.equations.slopes[:, :, :-1]
+        clearances = singular_values(P).min(axis=1, initial=np.inf)
+        start_clearances = curves.clearance[rows]
+        signs, logarithms = np.linalg.slogdet(P)
+        new_bases = ends.equations.bases
+        turned_signs = signs * relative_orientation(bases[rows], new_bases)
+        keeps = keeps_sign(determinants[:, rows], (turned_signs, logarithms))
+        keeps &= (clearances >= RANK_LOST) | (ends.points.share < 1.0)
+        is_apart = clearances > BRANCHES_CROSS
+        is_steady = 2.0 * np.minimum(clearances, start_clearances) > np.maximum(clearances, start_clearances)
+        keeps &= is_apart | ends.is_straight & (is_steady | (ends.size <= short))
+        is_nearer = clearances < start_clearances
+        approaching[rows] |= keeps & is_nearer & (clearances < BRANCHES_MEET)
+        keeps &= is_nearer | ~approaching[rows]
 
-        # accept the steps that stay on their branch and pass no singularity
-        is_nearer = ends.clearance < current.clearance[closed]
-        approaching[rows] |= on_branch & is_nearer & (ends.clearance < BRANCHES_MEET)
-        past_meeting = on_branch & approaching[rows] & ~is_nearer
-        ended[rows[past_meeting]] = True
-        accepted = on_branch & ~past_meeting
-        assign(curves, rows[accepted], select(ends, accepted))  # changes `curves` in place
+        rows, clearances = rows[keeps], clearances[keeps]
+        x = robot.platform.coordinates(frames_at(robot, ends.points.q[keeps]))
+        curves.x[rows] = robot.platform.unwrap(x, curves.x[rows])
+        curves.steps[rows] += 1
+        curves.clearance[rows] = clearances
+        curves.least[rows] = np.minimum(curves.least[rows], clearances)
+        curves.largest[rows] = np.maximum(curves.largest[rows], clearances)
+        bases[rows] = new_bases[keeps]
+        determinants[:, rows] = signs[keeps], logarithms[keeps]
+        longest[rows] = np.where((is_apart | is_steady)[keeps], long, short)
+        return keeps, np.ones(len(keeps), dtype=bool)
 
-        # double the steps with small corrections, except the single step of a short curve; halve refused ones
-        grows = rows[accepted & (correction < BRANCH_GROWTH)]
-        step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
-        refused = np.setdiff1d(live[~ended[live]], rows[accepted])
-        step[refused] *= 0.5
-
-        # a refused step may be due to a turning point ahead
-        ended[_end_at_turning_points(robot, curves, refused, turn)] = True
-        live = live[~ended[live] & (curves.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
-    return curves
-
-
-def _take_steps(
-    robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array
-) -> tuple[IntArray, MotorCurves, Array, BoolArray]:
-    """Take steps of length `step` (T,) in s along the tangents; decide which ends are on their branches.
-
-    Args:
-        start: configuration (nq,) at s = 0.
-        turn: (T, nv) turns of the motors from s = 0 to 1 [rad, m].
-        current: the T curves before the steps.
-
-    Returns:
-        The indices (S,) of the steps whose loops close, and of these steps: the curves after them, the
-        corrections of the predictor (S,) [rad, lengths], and whether their ends are on the branch (S,).
-    """
-    # predict along the tangents, then close the loops
-    share = current.share + step
-    share = np.where(share > 1.0 - SAME_PLACE, 1.0, share)  # the last step ends at 1 to the last bit
-    all_lengths = (share - current.share)[:, None]  # (T, 1) in s
-    predicted = integrate(robot, current.q, all_lengths * current.rate)
-    closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
-
-    # from here on the S steps whose loops close
-    rows = np.flatnonzero(closing.closed)
-    linearised = closing.linearised.select(rows)
-    starts = select(current, rows)
-    length = all_lengths[rows]
-    ends = curves_at(robot, linearised, starts.x)
-    ends = ends._replace(
-        rate=rates_closing_loops(robot, linearised, turn[rows]),
-        share=share[rows],
-        steps=starts.steps + 1,
-        least=np.minimum(starts.least, ends.clearance),
-        largest=np.maximum(starts.largest, ends.clearance),
-    )
-
-    # judge each step by its correction, the turn of its tangent, and the sign of det P
-    offsets = difference(robot, predicted[rows], ends.q)
-    correction, is_small, is_straight = measure_steps(
-        robot, offsets, length * starts.rate, length * ends.rate
-    )
-    # the tangent may turn only where P is far from losing rank, so that no other branch crosses
-    on_branch = is_small & (is_straight | (ends.clearance > BRANCHES_CROSS))
-    end_sign = ends.determinant_sign * relative_orientation(starts.bases, ends.bases)
-    on_branch &= keeps_sign(
-        (starts.determinant_sign, starts.log_determinant), (end_sign, ends.log_determinant)
-    )
-    return rows, ends, correction, on_branch
+    if start.clearance[0] < RANK_LOST:
+        return curves, linearised.select(copies)
+    curves_of_motors = Curves(robot, passive, turn, evaluate)
+    q, share, reason = curves_of_motors.follow(curves.q, curves.share, first, longest=longest, accept=accept)
+    # rounding of many steps leaves the motors slightly off their prescribed turn
+    motor_offset = (share[:, None] * turn - difference(robot, start.q, q))[:, robot.actuated]
+    q = integrate_columns(robot, q, robot.actuated, motor_offset)
+    linearised = linearised_at(robot, q)
+    curves = curves._replace(q=q, share=share)
+    (turned,) = (reason == CurveReason.TURNED).nonzero()
+    if len(turned):  # at singularities that were solved for
+        last = curves_at(robot, linearised.select(turned), curves.x[turned])
+        curves.x[turned] = last.x
+        curves.steps[turned] += 1
+        curves.clearance[turned] = last.clearance
+        curves.least[turned] = np.minimum(curves.least[turned], last.clearance)
+    return curves, linearised
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
@@ -203,56 +174,3 @@ def rates_closing_loops(robot: ParallelRobot, linearised: LinearisedLoops, rates
         with suppress(np.linalg.LinAlgError):
             closing[:, robot.following] = -linearised.passive_factors.solve(gap_rates)
     return closing
-
-
-def _end_at_turning_points(
-    robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
-) -> IntArray:
-    """Move the curves `rows` to the next Type 2 singularity ahead, where one exists.
-
-    Args:
-        curves: all curves; those that end are changed in place.
-        rows: indices (R,) of the curves to examine.
-        turn: turns (curves, nv) of the motors from s = 0 to 1.
-
-    Returns:
-        The indices of the curves that end.
-    """
-    if not len(rows) or not robot.n_p:  # nothing to examine; without passive joints there is no Type 2
-        return rows[:0]
-    ahead = _find_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
-    found = np.flatnonzero(ahead.found)
-    ending = rows[found]
-    last = select(curves, ending)
-    ends = curves_at(robot, ahead.linearised.select(found), last.x)
-    ends = ends._replace(
-        share=ahead.share[found], steps=last.steps + 1, largest=np.maximum(last.largest, ends.clearance)
-    )
-    assign(curves, ending, ends)
-    return ending
-
-
-def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
-    """Find the next Type 2 singularity ahead on each of T curves, from q (T, nq) at `share` s.
-
-    On a curve the m loop equations determine the passive joints at each share s of the motors' `turn`
-    (T, nv). At a Type 2 singularity s has an extremum: the curve turns back.
-    """
-    passive = robot.following
-    loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
-
-    def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
-        """Compute the loop equations (T, m) and their derivatives at q (T, nq) [rad, robot lengths].
-
-        The second argument, the share s, is not used: the equations depend on s only by q.
-        """
-        linearised = linearised_at(robot, q_on_curve)
-        loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
-        return CurveEquations(
-            matrix=loops[:, :, passive],
-            by_share=np.matvec(loops, turn / robot.column_scale),
-            residual=linearised.residual[:, robot.n :] / loop_sizes,
-            linearised=linearised,
-        )
-
-    return Curves(robot, passive, turn, evaluate).find_turning_points(q, share)

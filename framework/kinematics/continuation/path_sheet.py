@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.errors import NotAssembled
-from framework.kinematics.continuation.predictor_corrector import measure_steps
+from framework.kinematics.continuation.predictor_corrector import accept_steps
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks
@@ -28,7 +28,7 @@ from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.chebyshev import coefficients, nodes
 from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
 
@@ -162,11 +162,7 @@ def _is_one_branch(
 
 
 def judge_steps(robot: ParallelRobot, *stacks: BranchPoses) -> tuple[BoolArray, Array]:
-    """Judge the T steps between 1 + T successive poses.
-
-    The poses are in one stack, or in stacks of one pose each. A step stays on its branch if its correction is
-    small and its end is in the same working mode. If the tangent turns much, the loops must also be far from
-    losing rank at the end, where branches cross.
+    """Judge the T steps between 1 + T successive poses, in one stack or in stacks of one pose each.
 
     Returns:
         Whether each step stays on its branch (T,); the corrections (T,) [rad, lengths] of its prediction.
@@ -174,11 +170,17 @@ def judge_steps(robot: ParallelRobot, *stacks: BranchPoses) -> tuple[BoolArray, 
     q, rate = (np.concatenate([getattr(stack, name) for stack in stacks]) for name in ("q", "rate"))
     steps = np.diff(np.concatenate([stack.s for stack in stacks]))[:, None]  # (T, 1) in s
     predicted = steps * rate[:-1]
-    corrections = difference(robot, integrate(robot, q[:-1], predicted), q[1:])
-    correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * rate[1:])
-    keeps_branch = is_small & keeps_working_mode(robot, *(stack.linearised for stack in stacks))
-    (curved,) = (keeps_branch & ~is_straight).nonzero()
-    if len(curved):
-        ends = stacks[-1].linearised.select(curved + 1 if len(stacks) == 1 else curved)
-        keeps_branch[curved] = count_lost_ranks(robot, ends, BRANCHES_CROSS) == 0
-    return keeps_branch, correction
+
+    def are_apart(rows: IntArray) -> BoolArray:
+        """Return whether the loops at the ends of steps are far from losing rank, where branches cross."""
+        ends = stacks[-1].linearised.select(rows + 1 if len(stacks) == 1 else rows)
+        return count_lost_ranks(robot, ends, BRANCHES_CROSS) == 0
+
+    return accept_steps(
+        robot,
+        difference(robot, integrate(robot, q[:-1], predicted), q[1:]),
+        predicted,
+        steps * rate[1:],
+        keeps_mode=keeps_working_mode(robot, *(stack.linearised for stack in stacks)),
+        are_apart=are_apart,
+    )

@@ -350,7 +350,9 @@ class PoseSearch:
         J = self._loop_slopes(linearised_at(self.robot, q[None]))[0]  # (m, f)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, len(J) :]  # (f, n) the null space of J
-        linearised = self._linearise_around(q, Z)  # at the T poses, q first
+        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._units  # (T, f)
+        poses = integrate_columns(self.robot, q, self.robot.moving, steps)  # (T, nq), q first
+        linearised = linearised_at(self.robot, poses)
         x, dx, dc = self._differentiate(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
 
@@ -404,11 +406,6 @@ class PoseSearch:
         slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
         margins = np.append(self._range_margins(q), determinants[0] - LEAST_DETERMINANTS)
         return margins, np.vstack([Z, -Z, slopes])
-
-    def _linearise_around(self, q: Array, Z: Array) -> LinearisedLoops:
-        """Compute the loops at q (nq,) and one step away along motions Z (f, n), T = 1 + n."""
-        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._units
-        return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps))
 
     def _differentiate(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n) and derivatives along the joints.

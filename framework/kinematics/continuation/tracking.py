@@ -22,6 +22,7 @@ from framework.errors import (
     point,
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
+from framework.kinematics.continuation.arclength import CurveEquations, Curves
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.path_sheet import (
     MIN_SHEET_PANEL,
@@ -34,8 +35,6 @@ from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
-    CurveEquations,
-    Curves,
     limit_steps,
 )
 from framework.kinematics.frames import integrate, integrate_columns
@@ -50,7 +49,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
-from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.arrays import Array, ArrayLike, IntArray
 from framework.tolerances import FILE_ROUNDING, MAX_TURNS, SAME_PLACE
 
 LOOP_SINGULARITY = (
@@ -232,22 +231,24 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     sizes = equation_sizes(robot)  # (n + m,) by which the equations become dimensionless
     at_rest = np.zeros((1, robot.nv))  # no joint but the moving ones follows a prescribed motion
 
-    def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the n + m equations and their derivatives at q (T, nq) and s = `share` (T,)."""
+    def evaluate(q: Array, share: Array, _: IntArray) -> CurveEquations:
+        """Compute the n + m equations and their slopes at q (T, nq) and s = `share` (T,)."""
         share = np.clip(share, 0.0, 1.0)
         x = path(share)
         linearised = linearised_at(robot, q, x)
-        by_share = np.zeros_like(linearised.residual)
-        path_twist, _ = robot.platform.twist(x, path(share, 1))
-        by_share[:, : robot.n] = -path_twist  # F = [platform - x ; closures], of which x depends on s
-        matrix = type1_matrix(robot, linearised)
-        return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
+        slopes = np.zeros((*linearised.residual.shape, len(sizes) + 1))
+        slopes[:, :, :-1] = type1_matrix(robot, linearised)
+        path_twist, _derivative = robot.platform.twist(x, path(share, 1))
+        # F = [platform - x ; closures], of which x depends on s
+        slopes[:, : robot.n, -1] = -path_twist / sizes[: robot.n]
+        return CurveEquations(linearised.residual / sizes, slopes)
 
     curves = Curves(robot, columns=robot.moving, turn=at_rest, evaluate=evaluate)
-    ahead = curves.find_turning_points(pose.q, pose.s)
+    ahead = curves.find_turning_points(pose.q, pose.s, np.zeros(1, dtype=np.intp))
     if not ahead.found[0]:
         return None
-    return BranchPoses(ahead.share, ahead.linearised, at_rest)  # dq/ds is infinite: zero stands for it
+    # dq/ds is infinite: zero stands for it
+    return BranchPoses(ahead.share, linearised_at(robot, ahead.q, path(ahead.share)), at_rest)
 
 
 def _follow_to_end(robot: ParallelRobot, path: Path, pose: LinearisedLoops, subject: str) -> FollowedPath:

@@ -31,6 +31,7 @@ from framework.kinematics.assembly import joint_loops_matrix, loops_at, nearby_c
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.loop_structure import (
+    DISTANCE_APART,
     assemble_mechanism,
     choose_rows,
     motion_matrix,
@@ -42,7 +43,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, RobotDescription
 from framework.numerics.arrays import Array, Names
-from framework.numerics.ordered_sums import least_singular_values, split_row_space
+from framework.numerics.ordered_sums import least_singular_values, singular_values, split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
@@ -288,15 +289,25 @@ def motions_within_limits(description: RobotDescription) -> LoopMotions | None:
 
 
 def motions_near_reference(description: RobotDescription) -> LoopMotions:
-    """Return the motions at the closed reference, or at a nearby pose with more independent loops."""
+    """Return the motions at the closed reference, or at a pose near it with more independent loops.
+
+    If loops are singular at the reference, the pose where they are farthest from this is chosen.
+    """
     mechanism, remarks = _assemble(Mechanism.from_description(description))
-    poses = [mechanism.q_near, *nearby_configurations(mechanism, mechanism.q_near)]
-    ranks = [numerical_rank(joint_loops_matrix(mechanism, pose)) for pose in poses]
-    rank = max(ranks)
-    chosen = ranks.index(rank)  # the first, which is the reference unless that is singular
-    if chosen > 0:
+    q = mechanism.q_near
+    rank = numerical_rank(joint_loops_matrix(mechanism, q))
+    nearby = nearby_configurations(mechanism, q)
+    if any(numerical_rank(joint_loops_matrix(mechanism, pose)) > rank for pose in nearby):
+        poses = [*nearby, *nearby_configurations(mechanism, q, distance=DISTANCE_APART)]
+        rank = max(numerical_rank(joint_loops_matrix(mechanism, pose)) for pose in poses)
+
+        def distance_to_singularity(pose: Array) -> tuple[bool, float]:
+            """Return whether a pose is within the ranges, and the rank-th singular value over the first."""
+            values = singular_values(joint_loops_matrix(mechanism, pose))
+            return not positions_beyond_limits(mechanism.limits, pose[None]), values[rank - 1] / values[0]
+
+        q = max(poses, key=distance_to_singularity)
         remarks.append(BESIDE_SINGULARITY)
-    q = poses[chosen]
     if beyond := positions_beyond_limits(mechanism.limits, q[None]):
         places = "; ".join(f"{joint} at {place}" for joint, place in beyond.items())
         remarks.append(f"reference: outside the joints' ranges: {places}")

@@ -202,16 +202,22 @@ def _choose_motors(motions: LoopMotions, partial: PartialRobot) -> PartialRobot:
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
         # joints whose rates determine the motions that move a mass or a motor: first those that the file
-        # suggests as motors, then those nearest to the base
+        # suggests as motors, or slides if there is one for each motion (as in the legs of a Stewart
+        # platform), then those nearest to the base
         by_depth = sorted(
             partial.tree.movable,
             key=lambda name: len(partial.tree.path_to_base(partial.tree.joints[name].child)),
         )
-        suggested = [name for name in partial.tree.likely_motors if name in by_depth]
+        in_loops = _loop_joint_names(partial)
+        likely, why = partial.tree.likely_motors, "nearest to the base"
+        slides = [name for name in partial.tree.movable if partial.tree.joints[name].kind == "prismatic"]
+        if not likely and len(slides) == motions.freedoms > 1 and in_loops.issuperset(slides):
+            likely, why = slides, "the slides"
+        suggested = [name for name in likely if name in by_depth]
         without_repetitions = dict.fromkeys([*suggested, *by_depth])
         motors = motions.choose_independent(motions.working, without_repetitions)
         actuators = tuple(map(Actuator, motors))
-        remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
+        remarks.append(f"motors: {', '.join(motors)} (proposed: {why})")
     elif partial.chooses_motors and len(actuators) > motions.freedoms:
         motors = _choose_best_motors(motions, partial)
         remarks.append(
@@ -344,6 +350,14 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them; name more motors"
     )
+    possible = motions.choose_independent(undriven, partial.tree.movable)  # joints that could have a motor
+    if missing := undriven.shape[1] - len(possible):
+        joints = partial.tree.joints.values()
+        free = [joint.name for joint in joints if joint.moves and len(joint.coordinates) > 1]
+        raise RobotFileError(
+            f"{message.removesuffix('; name more motors')}, and no hinge or slide tells {missing} of these; "
+            f"they need hinges or slides in the place of {', '.join(free)}"
+        )
     if not to_hold:
         raise RobotFileError(message)
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):

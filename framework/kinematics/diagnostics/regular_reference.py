@@ -34,16 +34,20 @@ class NearSingularity(NamedTuple):
 
 
 def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
-    """Find the singularity nearest to the pose q (nq,) along the motions that the loops allow."""
+    """Find the nearest singularity to a pose q (nq,) on motions along basis vectors of the allowed ones.
+
+    The sign of the working mode changes where a motion passes Type 1, that of the assembly mode at Type 2.
+    Each motion ends where it is farther than the nearest singularity so far.
+    """
     nearest = NearSingularity("", REFERENCE_DISTANCE, np.zeros(len(robot.joints)))
     # of combined loop equations, on which the signs depend
     bases = linearised_at(robot, q[None]).bases[0] if robot.structure.varies else None
-    _, allowed = split_row_space(joint_loops_matrix(robot, q), BRANCHES_MEET)
+    _, allowed = split_row_space(joint_loops_matrix(robot, q), BRANCHES_MEET)  # (f, joints) null space
     for direction in [*allowed, *-allowed]:
         poses = _move(robot, q, direction, STEPS, nearest.distance)  # (T, nq)
-        signs = mode_signs(robot, linearised_at(robot, poses, bases=bases))
+        signs = mode_signs(robot, linearised_at(robot, poses, bases=bases))  # (T,) each: working, assembly
         for kind, distances, sign in zip(("Type 1", "Type 2"), _distances(robot, poses), signs, strict=True):
-            changed = np.flatnonzero(sign != sign[0])
+            changed = np.flatnonzero(sign != sign[0])  # the poses behind a singularity
             if len(changed) and distances[changed[0]] < nearest.distance:
                 nearest = NearSingularity(kind, float(distances[changed[0]]), direction)
     return nearest

@@ -121,7 +121,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     if not tree.closures and not tree.couplings:
         # raises a more precise error if a decisive element is unread
         unread = "".join(f"; not read: {effect}" for effect in unread_effects(tree)[:2])
-        raise RobotFileError(f"there is no loop in it: a parallel robot needs at least one closure{unread}")
+        raise RobotFileError(f"there is no loop in it: --close FRAME FRAME KIND closes one{unread}")
     _check_closures(tree.closures)
 
     # lock joints; then only loops in which a joint still moves count

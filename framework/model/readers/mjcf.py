@@ -316,7 +316,9 @@ class _Model:
         children = [tree.joints[joint].child for joint in all_arms]  # links, whose turns may be equal
         products = {}
         if polynomial[2:].any() and len(second) <= MAX_TERMS:
-            products = {product: -value for product, value in _powers(second, polynomial.tolist()).items()}
+            products = {
+                product: -value for product, value in _expand_powers(second, polynomial.tolist()).items()
+            }
         if polynomial[2:].any() and (len(second) > MAX_TERMS or len(products) > MAX_TERMS):
             problem = f"powers of a length of {len(second)} joints; at most {MAX_TERMS} products are read"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
@@ -461,22 +463,30 @@ class _Model:
         return effects
 
 
-def _powers(length: Mapping[str, float], coefficients: Sequence[float]) -> dict[Product, float]:
-    """Expand the sum of coefficient k times length^k, k >= 2, by products of joints' coordinates.
+def _expand_powers(arms: Mapping[str, float], coefficients: Sequence[float]) -> dict[Product, float]:
+    """Expand the sum over k >= 2 of c_k L^k by products of joint coordinates q_j.
 
-    `length` has the moment arm of each joint, `coefficients` begin with that of length^0.
+    L is the sum of arm_j q_j over the joints; c_0 and c_1, its constant and its linear part, are left out.
+
+    Args:
+        arms: arm_j of each joint.
+        coefficients: c_0, c_1, ...
+
+    Returns:
+        The coefficient of each product, which is the sorted tuple of its joints.
     """
     expanded = defaultdict[Product, float](float)
-    power: Polynomial = {(): 1.0}
+    power: Polynomial = {(): 1.0}  # L^k
     for k, coefficient in enumerate(coefficients):
+        if k > 0:
+            last = power
+            power = defaultdict[Product, float](float)
+            for product, factor in last.items():
+                for joint, arm in arms.items():
+                    power[tuple(sorted((*product, joint)))] += factor * arm
         for product, factor in power.items():
             if k > 1 and coefficient * factor:
                 expanded[product] += coefficient * factor
-        longer = defaultdict[Product, float](float)
-        for product, factor in power.items():
-            for joint, arm in length.items():
-                longer[tuple(sorted((*product, joint)))] += factor * arm
-        power = longer
     return dict(expanded)
 
 

@@ -168,7 +168,13 @@ def _reorder_error(error: str) -> str:
     if match is None:
         return f"MuJoCo: {text}"
     name = f"{match['name']!r}: " if match["name"] else ""
-    return f"line {match['line']}: {name}MuJoCo: {text[: match.start()]}"
+    line = f"line {match['line']}"
+    return f"{_place(line)}{name}MuJoCo: {text[: match.start()]}"
+
+
+def _place(info: str) -> str:
+    """Return "line N: " from an element's `info`; empty for the 0 that MuJoCo has for included files."""
+    return "" if info == "line 0" else f"{info}: "
 
 
 def _load_spec(mujoco: Any, file: Path) -> Any:
@@ -233,7 +239,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
                 raise RobotFileError(f"body {body.name!r}: has a mass of {body.mass:g} kg")
             check_inertia(f"body {body.name!r}: inertia", np.diag(body.inertia))
         except RobotFileError as error:
-            yield UnreadElement(f"{body.info}: {error}", (body.name,), is_decisive=True)
+            yield UnreadElement(f"{_place(body.info)}{error}", (body.name,), is_decisive=True)
             body.mass = max(body.mass, 0.0)
             body.inertia = np.ones(3)  # any that is possible: the file is refused if the body moves
         # The largest moment of a thin rod is the sum of the others. MuJoCo allows no rounding above it.
@@ -265,7 +271,8 @@ def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
             mesh = spec.mesh(geom.meshname)
             name = geom.meshname if mesh is None else mesh.file
             body = geom.parent.name
-            text = f"{geom.info}: body {body!r}: its inertia is that of the mesh {name!r}, which is missing"
+            what = f"its inertia is that of the mesh {name!r}, which is missing"
+            text = f"{_place(geom.info)}body {body!r}: {what}"
             yield UnreadElement(text, (body,), is_decisive=True)
         spec.delete(geom)
     for mesh in list(spec.meshes):

@@ -31,7 +31,7 @@ DIALECTS = {
     "loop_joint": "URDF with <loop_joint> (Isaac Sim)",
     "mjcf": "MuJoCo's XML with <equality>",
     "sdf": "SDFormat, whose joints close loops",
-    "urdf": "URDF with <mimic>, <gazebo><joint>, drake:ball_constraint or loop_closures.yaml",
+    "urdf": "URDF with <mimic>, or loops of Gazebo, Drake or loop_closures.yaml",
     "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
 _USD_REFUSAL = (

@@ -38,6 +38,7 @@ from framework.model.readers.sdf_scope import (
     WORLD,
     Scope,
     add_models,
+    child_text,
     drop_detached,
     end_name,
     read_placement,
@@ -143,9 +144,13 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     tree = UrdfTree(_make_tree(scope, joints, tree_names, file.stem))
     tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED_TAGS})  # += drops zeros
     tree.unused -= Counter({"<plugin>": sum(bool(joint.get("optional")) for joint in scope.joints.values())})
-    tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
+    tree.gravity = vector3("<gravity>", child_text(root, "world/gravity", "0 0 -9.81").split())
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
+    for name in scope.frames:
+        if (link := scope.link_of(name)) in tree.links:
+            tree.add_frame(name, link, invert_placement(scope.placement_of(link)) @ scope.placement_of(name))
+    tree.reference = _read_initial_positions(joints, tree_names)
     _report_unread_parts(scope, tree, joints)
     tree.left_out += [UnreadElement(text, (link,)) for text, link in detached if link in tree.links]
     tree.remarks += [missing] * bool(scope.unread)
@@ -181,8 +186,8 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
     links = {link for joint in joints for link in joint.links}
     apart = []
     for name, link in scope.links.items():
-        mass = link.findtext("inertial/mass", "1").strip()
-        if link.findtext("gravity", "1").strip() in ("0", "false"):
+        mass = child_text(link, "inertial/mass", "1")
+        if child_text(link, "gravity", "1") in ("0", "false"):
             tree.left_out.append(UnreadElement(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
         if name not in links:
             apart.append(f"{name} of {mass} kg")
@@ -200,7 +205,7 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
     values: list[float] = []
     for path, default in defaults.items():
         tag = path.rsplit("/", 1)[-1]
-        values += parse_numbers(f"{where}: <{tag}>", element.findtext(path, default), 1)
+        values += parse_numbers(f"{where}: <{tag}>", child_text(element, path, default), 1)
     return values
 
 
@@ -269,10 +274,10 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     """
     joint = scope.joints[name]
     where = f"joint {name!r}: <{tag}>"
-    axis = parse_axis(where, joint.findtext(f"{tag}/xyz", "0 0 1"))
+    axis = parse_axis(where, child_text(joint, f"{tag}/xyz", "0 0 1"))
     xyz = joint.find(f"{tag}/xyz")
     expressed_in = None if xyz is None else xyz.get("expressed_in")
-    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE_TEXTS
+    in_model = child_text(joint, f"{tag}/use_parent_model_frame", "") in TRUE_TEXTS
     if not expressed_in and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
     frame = scoped_name(joint.get("scope", ""), expressed_in or MODEL_FRAME)
@@ -284,6 +289,21 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
 def _has_property(joint: Element, *properties: str) -> bool:
     """Return whether an axis of a joint has a child with a tag in `properties`."""
     return any(joint.find(f"{axis}/{tag}") is not None for axis in _SUFFIXES for tag in properties)
+
+
+def _read_initial_positions(joints: Sequence[_Joint], tree_names: Sequence[str]) -> dict[str, float]:
+    """Read the positions [rad, m] of joints of the tree in <initial_position>, as Drake does."""
+    motions = [
+        (joint.element, f"{joint.name}{suffix}", f"{tag}/initial_position")
+        for joint in joints
+        for tag, suffix in _SUFFIXES.items()
+        if joint.name in tree_names
+    ]
+    return {
+        name: _read_values(element, f"joint {name!r}", {path: "0"})[0]
+        for element, name, path in motions
+        if element.find(path) is not None
+    }
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
@@ -414,7 +434,7 @@ def _make_link(scope: Scope, name: str) -> Element:
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
                 # a shape is only drawn, so that any size will do where the file has none
-                sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
+                sizes = {key: child_text(geometry, key, "1") for key in keys}
                 shape_pose = read_placement(visual.find("pose"), where)
                 link.append(visual_element(shape, sizes, shape_pose))
     return link
@@ -424,7 +444,7 @@ def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | N
     """Read lower and upper limit [rad, m] along the axis in the element `tag`; None without limits."""
     where = f"joint {name!r}"
     lower, upper = (
-        parse_limit(f"{where}: <{end}>", joint.findtext(f"{tag}/limit/{end}", default))
+        parse_limit(f"{where}: <{end}>", child_text(joint, f"{tag}/limit/{end}", default))
         for end, default in (("lower", "-inf"), ("upper", "inf"))
     )
     if lower > upper:

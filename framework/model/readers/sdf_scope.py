@@ -46,6 +46,7 @@ class Scope:
     attached: dict[str, str] = field(default_factory=dict)  # the link or frame that carries each frame
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)  # the attribute `scope` is the model's prefix
+    frames: list[str] = field(default_factory=list)  # the <frame> elements
     unread: list[str] = field(default_factory=list)  # included models without a file
 
     def placement_of(self, name: str, depth: int = 0) -> Array:
@@ -85,13 +86,18 @@ def scoped_name(prefix: str, name: str) -> str:
     return name if name == WORLD else prefix + name
 
 
+def child_text(element: Element, path: str, default: str) -> str:
+    """Return the text of the element at a path, stripped; the default where there is none or it is empty."""
+    return element.findtext(path, "").strip() or default
+
+
 def end_name(joint: Element, end: str) -> str:
     """Return the scoped name of a joint's end, "parent" or "child".
 
     Raises:
         RobotFileError: the joint does not state this end.
     """
-    name = (joint.findtext(end) or "").strip()
+    name = child_text(joint, end, "")
     if not name:
         raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
     return scoped_name(joint.get("scope", ""), name)
@@ -132,7 +138,7 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
-        uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
+        uri = child_text(include, "uri", "").removeprefix("model://").removeprefix("file://")
         # beside the file, in the folder above, or in `models` there, as in packages of ROS
         places = (folder / uri, folder.parent / uri, folder.parent / "models" / uri)
         file = next((place for place in places if place.exists()), places[0])
@@ -145,7 +151,7 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
             document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
             model = child_element(document, "<sdf>", "model")
         # name and pose of the <include> override those of the included model
-        model.set("name", include.findtext("name") or model.get("name") or "")
+        model.set("name", child_text(include, "name", model.get("name", "")))
         if poses := include.findall("pose"):
             remove_children(model, "pose")
             model.extend(poses)
@@ -213,6 +219,7 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
             elements += _constraint_elements(element, kind, f"{kind}_{number}")
         elif kind == "plugin" and "detachablejoint" in str(element.attrib).lower().replace("-", ""):
             elements.append(_detachable_joint(element, model, f"detachable_joint_{number}"))
+    scope.frames += [prefix + frame.get("name", "") for frame in model.findall("frame")]
     for element in elements:
         if element.tag in ("link", "frame", "joint"):
             _add_element(scope, element, prefix, base)
@@ -258,9 +265,7 @@ def _detachable_joint(plugin: Element, model: Element, name: str) -> Element:
         name: of the joint.
     """
     where = "<plugin> DetachableJoint"
-    parts = {
-        tag: (plugin.findtext(tag) or "").strip() for tag in ("parent_link", "child_model", "child_link")
-    }
+    parts = {tag: child_text(plugin, tag, "") for tag in ("parent_link", "child_model", "child_link")}
     for tag, value in parts.items():
         if not value:
             raise RobotFileError(f"{where}: <{tag}> is missing")
@@ -321,11 +326,10 @@ def read_placement(pose: Element | None, where: str) -> Array:
     Raises:
         RobotFileError: the pose is malformed; the message names the element `where`.
     """
-    if pose is None:
+    if pose is None or not (pose.text or "").strip():
         return np.eye(4)
     has_quaternion = pose.get("rotation_format") == "quat_xyzw"
-    count = 7 if has_quaternion else 6
-    numbers = parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count)
+    numbers = parse_numbers(f"{where}: <pose>", pose.text, 7 if has_quaternion else 6)
     position, orientation = numbers[:3], numbers[3:]
     if has_quaternion:
         x, y, z, w = orientation

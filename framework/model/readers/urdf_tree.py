@@ -570,9 +570,13 @@ class UrdfTree(Tree):
         return bool(np.linalg.norm(axes - axes[0], axis=1).max() <= FILE_ROUNDING)
 
     def _close_turns(self, name: str, links: tuple[str, str], hinge: Joint) -> None:
-        """Add the loop equation that keeps the turns of two links about the axis of a hinge equal."""
+        """Add the loop equation that keeps the turns of two links about the axis of a hinge equal.
+
+        Each link gets a frame that is parallel to the base at zero joint positions. Equal turns keep both
+        frames parallel: the closure locks their relative turn about the axis, which becomes their z axis.
+        """
         ends = []
         for suffix, link in zip(("first", "second"), links, strict=True):
-            axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link; a frame parallel to the base at zero
+            axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link
             ends.append((suffix, link, placement(axes_of_base)))
         self.close(name, ("rz",), ends, [self._turning_axis(hinge)])

@@ -79,12 +79,5 @@ def certify_motion(
     Raises:
         NoAnswer: as `inverse_dynamics`.
     """
-    dynamics = resolve(
-        task.to_cross.searched,
-        lambda _: law,
-        geometry=task.geometry,
-        tolerance=task.request.tolerance,
-        friction=task.request.friction,
-        known=known,
-    )
+    dynamics = resolve(task.to_cross.searched, lambda _: law, **task.request.model_options, known=known)
     return OptimalMotion(share_within(dynamics, task.specification, optimal=True), law, best)

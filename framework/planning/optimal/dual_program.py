@@ -223,46 +223,46 @@ class DualProgram:
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
-        """Add the unknowns x to the cost and the factor, and unknowns t >= |nu|.
+        """Add the multipliers nu = sum of x_i v_i of the m torques: unknowns x, and t >= |nu|.
 
-        The cost contains nu . c and B, the factor nu . cz - p'. On a cell p' has the coefficients
-        MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
+        The bound's right side, which is to be large, has the terms integral of nu . c + B with
+        B = p(1) z(1) - p(0) z(0). The factor has nu . cz - p'; p is x_0.
 
         The bound of a peak is divided by the integral of |nu|_1, which is therefore limited to 1. In a bound
         of the duration this integral is part of the cost.
-
-        Args:
-            draft: the parts of the cone program, which are changed in place.
         """
         series = self.series
-        width = series.width
+        width = series.width  # (k,) of the cells
         unknowns, m = series.v.error.shape[1:]  # number of functions x_i and of torques
         count = len(width) * SIZE  # number of coefficients of a function on all cells
 
-        # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
-        nu_c = self._x_rows(series.constant.coefficients)
-        draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
+        # the cost -(integral of nu . c) - B: the mean of a function on a cell is that of its coefficients
+        nu_c = self._x_rows(series.constant.coefficients)  # (count, size of x)
+        cell_means = np.repeat(width / SIZE, SIZE)  # (count,) @ coefficients: the integral of a function
         start_z, goal_z = self.end_z
-        p_ends = self._x_coefficients[[0, -unknowns]].toarray()  # p at the start and at the goal
-        draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c - [-start_z, goal_z] @ p_ends
+        start_p, goal_p = self._x_coefficients[[0, -unknowns]].toarray()  # rows (size of x,) of p(0) and p(1)
+        draft.sizes["x"] = nu_c.shape[1]
+        draft.cost["x"] = -(cell_means @ nu_c) - (goal_z * goal_p - start_z * start_p)
 
-        # the factor nu . cz - p'
-        nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
+        # the factor nu . cz - p', times the width of each cell
+        # a polynomial p of degree d has the slope's coefficients d (p_(j+1) - p_j) / width
+        nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)  # (count, size of x)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
-        cell_slope = np.kron(slope, np.eye(1, unknowns))  # on the coefficients of all x_i on a cell
-        p_slope = kron(eye_array(len(width)), cell_slope, format="csr") @ self._x_coefficients
+        x_0_slope = np.kron(slope, np.eye(1, unknowns))  # the same from the coefficients of all x_i of a cell
+        p_slope = kron(eye_array(len(width)), x_0_slope, format="csr") @ self._x_coefficients
         draft.factor["x"] = nu_cz - p_slope
 
-        # t >= |nu|, coefficient by coefficient
+        # t >= |nu|, coefficient by coefficient; the sum of the means of t bounds the integral of |nu|_1
+        draft.sizes["t"] = count * m  # by torque, then by cell
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
-            t = kron(np.eye(1, m, j), eye_array(count), format="csr")  # selects the coefficients of motor j
+            t = kron(np.eye(1, m, j), eye_array(count), format="csr")  # selects the coefficients of torque j
             draft.nonnegative += [linear_rows(x=sign * nu, t=t) for sign in (-1.0, 1.0)]
-        norm = np.full(count * m, 1.0 / count)  # norm @ t bounds the integral of |nu|_1
+        mean = np.full(count * m, 1.0 / count)
         if self.timed:
-            draft.cost["t"] = norm
+            draft.cost["t"] = mean
         else:
-            draft.nonnegative.append(AffineRows({"t": -csr_array(norm[None])}, np.ones(1)))
+            draft.nonnegative.append(AffineRows({"t": -csr_array(mean[None])}, np.ones(1)))
 
     def _add_speed_limits(self, draft: _Draft) -> None:
         """Add mu >= 0 of motors with speed limits to cost and factor.
@@ -271,9 +271,6 @@ class DualProgram:
         k(s) z <= 1 are the squared speeds over their limits. mu is constant on each cell; its unknowns are
         ordered by motor, then by cell. Rows of the factor are multiplied by the width of their cell, and so
         is mu . k.
-
-        Args:
-            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients  # of k(s), (cells, DEGREE + 1, n)
@@ -293,9 +290,6 @@ class DualProgram:
         negative part: nu . d >= drag - omega. The part `phi` of the factor is spent on omega:
         phi z - omega sqrt(z) is at least -omega^2 / (4 phi), which is at least -`loss`. What drag adds to the
         bound follows in `_add_drag`.
-
-        Args:
-            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         count = len(width)
@@ -321,9 +315,6 @@ class DualProgram:
         minorant z + lambda z^(-1/2) over z > 0 is 1.5 (2 minorant lambda^2)^(1/3). At both ends of each cell,
         two cones with an auxiliary unknown make cube_root <= (2 minorant lambda^2)^(1/3):
         cube_root^2 <= auxiliary lambda and auxiliary^2 <= 2 minorant cube_root.
-
-        Args:
-            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width[:, None]
         count = 2 * len(width)
@@ -357,9 +348,6 @@ class DualProgram:
 
         Each cell spends a share of lambda on drag. Then drag_cost is at most 2 (drag lambda_share)^(1/2), the
         least of drag z^(1/2) + lambda_share z^(-1/2).
-
-        Args:
-            draft: the parts of the cone program, which are changed in place.
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
@@ -505,7 +493,7 @@ def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
 
 @dataclass
 class _Draft:
-    """The collected parts of a cone program, by names of the unknowns.
+    """The parts of a cone program, by names of the unknowns; methods `_add_...` add theirs in place.
 
     sizes: number of unknowns of each name.
     cost: cost of each unknown.

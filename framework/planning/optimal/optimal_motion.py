@@ -45,22 +45,17 @@ def optimal_motion(task: Task) -> OptimalMotion:
         motion = _find_motion(counted)  # whose refusal has other reasons than drives
     except NoLaw as refusal:
         if isinstance(refusal.evidence, SearchEvidence) and task.to_cross.explained:
-            sought = _try_remedies(task, _count_drives(task, refusal.evidence))
+            evidence = refusal.evidence
+            if task.specification.drives is not None and evidence.quickest is not None:
+                evidence = evidence._replace(quickest=_find_quickest(task))  # within drives, too
+            sought = _try_remedies(task, evidence)
             numbers = () if isinstance(refusal.proof, HoldingTorque) else sought.clauses
             advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
-            refusal.clauses = (*numbers, *advice)
-            refusal.evidence = sought
-        raise
+            refusal = refusal.with_changes(clauses=(*numbers, *advice), evidence=sought)
+        raise refusal from None
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)
     return motion
-
-
-def _count_drives(task: Task, evidence: SearchEvidence) -> SearchEvidence:
-    """Return the evidence with the least duration found within the limits of drives, too."""
-    if task.specification.drives is None or evidence.quickest is None:
-        return evidence
-    return evidence._replace(quickest=_find_quickest(task))
 
 
 def _find_quickest(task: Task) -> float | None:

@@ -71,8 +71,9 @@ def conditions_at(
 ) -> tuple[Array, Array]:
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
-    A row times (1, z, u, u') must vanish. The first rows are condition (8) at each crossing point, the last
-    ones the required speeds, z phi'^2 = speed^2.
+    Each row times (1, z, u, u') must vanish, where z = (d sigma/dt)^2 and u = z'/2 [1/s^2] are those of the
+    law at sigma (prime: d/d sigma). The first rows are condition (8) at each crossing point, t_s . W_p = 0
+    [N, N m], see `crossing_rows`; the last ones are the required speeds [1/s^2].
 
     Args:
         z0: the squared speed about which viscous damping is linearised; None leaves damping out.
@@ -87,14 +88,13 @@ def conditions_at(
         crossing = crossing_rows(task.branch, task.phi, point, z0)
         rows += list(crossing)
         sigmas += [float(task.phi.inverse(point.s))] * len(crossing)
-    if places is None:
-        places = [point.s for point in task.targets]
-    speeds = task.request.speeds or ()
-    # without required speeds the places do not matter
-    for s, speed in zip(places, speeds, strict=bool(speeds)):
-        sigma = float(task.phi.inverse(s))
-        rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
-        sigmas.append(sigma)
+    if task.request.speeds:
+        places = [point.s for point in task.targets] if places is None else places
+        for s, speed in zip(places, task.request.speeds, strict=True):
+            sigma = float(task.phi.inverse(s))
+            slope = float(task.phi(sigma, 1))  # phi' of s = phi(sigma), so that s'^2 = phi'^2 z
+            rows.append(np.array([-(speed**2), slope**2, 0.0, 0.0]))
+            sigmas.append(sigma)
     return np.array(sigmas), np.array(rows).reshape(-1, 4)
 
 

@@ -277,3 +277,58 @@ def test_loops_that_the_file_leaves_open_are_closed_where_motors_and_platform_ar
     assert any("loops are 0.3 m" in remark for remark in parsed.remarks)
     a, b, c = (parsed.description.reference[name] for name in "abc")
     assert abs(0.4 * np.exp(1j * a) + np.exp(1j * (a + b)) - 1.0 - 0.7 * np.exp(1j * c)) < 1e-8
+
+
+def lift(legs: int) -> str:
+    """A plate that slides on stretched legs of crank and rod in vertical planes through its axis."""
+    bodies = "".join(
+        f'<body euler="0 0 {120 * k}"><body name="crank{k}" pos="1 0 5"><joint name="hip{k}" axis="0 1 0"/>'
+        f'<geom size=".05" fromto="0 0 0 0 0 -2" type="capsule"/><body name="rod{k}" pos="0 0 -2">'
+        f'<joint name="knee{k}" axis="0 1 0"/><geom size=".05" fromto="0 0 0 0 0 -3" type="capsule"/>'
+        "</body></body></body>"
+        for k in range(legs)
+    )
+    connects = "".join(f'<connect body1="rod{k}" body2="plate" anchor="0 0 -3"/>' for k in range(legs))
+    plate = '<body name="plate"><joint name="lift" type="slide" axis="0 0 1"/><geom size="1"/></body>'
+    return (
+        f"<mujoco><worldbody>{bodies}{plate}</worldbody><equality>{connects}</equality>"
+        '<actuator><motor joint="hip0"/></actuator></mujoco>'
+    )
+
+
+def test_a_pose_beside_a_singularity_of_the_loops_is_not_nearly_singular(tmp_path):
+    """With stretched legs the height is of second order in their angles."""
+    description = proposed(tmp_path, lift(3)).description
+    assert min(abs(description.reference[f"hip{k}"]) for k in range(3)) > 0.1
+    assert check_robot(ParallelRobot.from_description(description)).mobility == 1
+
+
+def test_motions_that_no_joint_tells_are_not_answered_by_more_motors(tmp_path):
+    """The bar between two balls is a free body, which turns about its line: no hinge tells how far."""
+    arms = "".join(
+        f'<body name="{side}" pos="{x} 0 0"><joint name="{side}_motor" axis="0 0 1"/>'
+        f'<geom type="capsule" size=".02" fromto="0 0 0 .1 .3 0"/></body>'
+        for side, x in (("left", -0.5), ("right", 0.5))
+    )
+    bar = '<freejoint name="free"/><geom type="box" size=".5 .02 .02" pos="0 0 .1"/>'
+    ends = "".join(f'<connect body1="{side}" body2="bar" anchor=".1 .3 0"/>' for side in ("left", "right"))
+    text = (
+        f'<mujoco><worldbody>{arms}<body name="bar" pos="0 .3 0">{bar}</body></worldbody>'
+        f'<equality>{ends}</equality><actuator><motor joint="left_motor"/></actuator></mujoco>'
+    )
+    with pytest.raises(RobotFileError, match=r"no hinge or slide tells 1 of these; .* in the place of free"):
+        proposed(tmp_path, text)
+
+
+def test_slides_in_the_loops_are_the_motors_if_there_is_one_for_each_motion(tmp_path):
+    """Two hinged slides hold a point: the legs of a plane RPRPR."""
+    legs = "".join(
+        f'<body name="{side}" pos="{x} 0 0"><joint name="{side}_hinge" axis="0 1 0"/><geom size=".02"/>'
+        f'<body name="{side}_rod" euler="0 {turn} 0"><joint name="{side}_slide" type="slide" axis="0 0 1"/>'
+        f'<geom type="capsule" size=".01" fromto="0 0 .2 0 0 {length}"/></body></body>'
+        for side, x, turn, length in (("left", -0.3, 45, 0.424264), ("right", 0.3, -45, 0.424264))
+    )
+    end = '<equality><connect body1="left_rod" body2="right_rod" anchor="0 0 .424264"/></equality>'
+    parsed = proposed(tmp_path, f"<mujoco><worldbody>{legs}</worldbody>{end}</mujoco>")
+    assert parsed.description.motor_joints == ("left_slide", "right_slide")
+    assert "motors: left_slide, right_slide (proposed: the slides)" in parsed.remarks

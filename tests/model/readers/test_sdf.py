@@ -181,7 +181,7 @@ def test_what_joins_the_loops_need_not_be_assembled(tmp_path):
     assert parsed.dialect == "sdf"
     assert any(remark.startswith("reference: the nearest closed pose") for remark in parsed.remarks)
     assert [closure.name for closure in parsed.description.closures] == ["tip"]
-    assert parsed.description.platform.frame == "tip_1"  # of two that coincide, the first of the file
+    assert parsed.description.platform.frame == "left_tip"  # the file's own frame at the loop
     assert ParallelRobot.from_description(parsed.description).n == 2
 
 
@@ -443,3 +443,32 @@ def test_limits_without_a_size_are_none(tmp_path, size):
     (tmp_path / "robot.sdf").write_text(text.replace(f"-{size}", "-0.5"))
     described = parse_any(tmp_path / "robot.sdf", **said)
     assert described.tree.joints["left_motor"].limits == (-0.5, 1e9)
+
+
+def test_empty_elements_mean_their_defaults(tmp_path):
+    empty = "<limit><lower/><upper> </upper></limit><dynamics><damping/></dynamics></axis>"
+    texts = []
+    for text in (fingers_sdf(), fingers_sdf().replace("</axis>", empty)):
+        description = read(tmp_path, text, platform_joints=["jb"], motors=["ja"]).description
+        texts.append(description.urdf_text)
+    assert texts[0] == texts[1]
+
+
+def test_a_loop_in_words_between_frames_of_the_file_is_that_of_a_joint(tmp_path):
+    """As for a file of Drake, whose code closes the loop, and whose joints start at initial positions."""
+    text = five_bar()
+    start, _, end = text.partition('<joint name="tip"')
+    text = start + end.partition("</joint>")[2]
+    for name, angle in POSE.items():
+        begin, joint, rest = text.partition(f'<joint name="{name}"')
+        initial = f"<axis><initial_position>{angle}</initial_position>"
+        text = begin + joint + rest.replace("<axis>", initial, 1)
+    closure = ("left_tip", "right_tip", "revolute", "z")
+    parsed = read(tmp_path, text, closures=[closure])
+    robot = ParallelRobot.from_description(parsed.description)
+    assert robot.reference_values(robot.reference.q) == pytest.approx(POSE, abs=1e-6)
+    stated = read(tmp_path, five_bar(), reference=POSE)
+    plans = [short_move(ParallelRobot.from_description(each.description)) for each in (parsed, stated)]
+    assert_same_torques(*plans, within=1e-10)
+    with pytest.raises(RobotFileError, match="no loop in it: --close FRAME FRAME KIND closes one"):
+        read(tmp_path, text)
