@@ -26,15 +26,19 @@ from framework import (
     Line,
     Spline,
     assemble,
+    chain_plans,
     check_robot,
     dynamics_at,
     errors,
     forward_kinematics,
     inverse_dynamics,
+    load_robot,
     locate_singularities,
     plan_crossing,
     plan_scene,
+    plan_study,
     simulate,
+    trace_locus,
     track_path,
     velocity_matrices,
 )
@@ -288,6 +292,25 @@ def test_what_is_no_option_of_a_simulation_is_refused_by_its_name(option: dict[s
 )
 def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], Any]) -> None:
     with pytest.raises(InvalidInput, match="number"):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("torque_limit", lambda: plan_crossing(ROBOT, PATH, duration=1.5, torque_limit=[[1.0, 2.0], [3.0]])),
+        ("times", lambda: plan_crossing(ROBOT, PATH, duration=1.5, times=[[1.0, 2.0], [3.0]])),
+        ("reference", lambda: load_robot("five_bar", reference=[0.5])),
+        ("parameters", lambda: load_robot("five_bar", parameters="l1")),
+        ("parameters", lambda: plan_study("five_bar", PATH, [1.0], quantities={})),
+        ("plans", lambda: chain_plans(1.0)),
+        ("free", lambda: trace_locus(ROBOT, ROBOT.reference.q, free="x")),
+        ("starts", lambda: trace_locus(ROBOT, ROBOT.reference.q, starts=-1)),
+        ("reach", lambda: trace_locus(ROBOT, ROBOT.reference.q, reach=[1.0, 2.0, 3.0])),
+    ],
+)
+def test_what_is_of_another_kind_is_refused_by_its_name(name: str, call: Callable[[], Any]) -> None:
+    with pytest.raises(InvalidInput, match=name):
         call()
 
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from framework.dynamics.forces import all_spring_forces
 from framework.dynamics.stiffness import (
-    MAX_STEP,
     CompliantMotions,
     compliant_motions,
     deflects_little,
@@ -30,7 +29,7 @@ from framework.dynamics.tangent_stiffness import (
     evaluate_equilibrium,
     tangent_stiffness,
 )
-from framework.kinematics.continuation.arclength import CurveReason, Curves
+from framework.kinematics.continuation.arclength import LOAD_STEP, CurveReason, Curves
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -98,7 +97,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         q,
         load.share,
         evaluate_equilibrium(robot, q, load),
-        longest=np.full(len(q), MAX_STEP),
+        longest=np.full(len(q), LOAD_STEP),
         to_rounding=True,
         accept=lambda ends: (_is_stable(ends.equations.H), deflects_little(robot, ends.points.q)),
     )

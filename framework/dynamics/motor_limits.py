@@ -9,7 +9,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, choose_from, real_numbers, short
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, read_only
+from framework.numerics.arrays import Array, has_entries, read_only
 
 # One limit for all motors; a limit for each motor, None or infinite if unlimited; or limits by joint.
 Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | None
@@ -37,7 +37,7 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
                 raise InvalidInput(choose_from("motor", joint, in_file)).naming(name)
         values = list({**in_file, **stated}.values())
     else:
-        values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
+        values = list(stated) if has_entries(stated) else [stated]  # type: ignore[arg-type]
     try:
         numbers = real_numbers(name, [np.inf if limit is None else limit for limit in values])
     except InvalidInput:

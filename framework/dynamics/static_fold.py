@@ -17,9 +17,13 @@ from framework.dynamics.loaded_balance import (
     evaluate_balance,
     spring_units,
 )
-from framework.dynamics.stiffness import MAX_STEP
 from framework.errors import NoAnswer
-from framework.kinematics.continuation.arclength import CurveEquations, CurveReason, Curves
+from framework.kinematics.continuation.arclength import (
+    LOAD_STEP,
+    CurveEquations,
+    CurveReason,
+    Curves,
+)
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import difference
 from framework.numerics.arrays import Array, IntArray
@@ -66,7 +70,7 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
         q_at_rest,
         first_share,
         evaluate(q_at_rest, first_share, np.zeros(1, dtype=np.intp)),
-        longest=np.full(1, MAX_STEP),
+        longest=np.full(1, LOAD_STEP),
         accept=lambda ends: (np.ones(len(ends.rows), dtype=bool),) * 2,
     )
     return float(ends.share[0]) if ends.reason[0] == CurveReason.TURNED else None

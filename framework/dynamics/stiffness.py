@@ -31,6 +31,7 @@ import numpy as np
 from framework.dynamics.forces import mass_matrices
 from framework.dynamics.tangent_stiffness import Load, check_wrench, evaluate_equilibrium, tangent_stiffness
 from framework.errors import InvalidInput, NotConverged
+from framework.kinematics.continuation.arclength import LOAD_STEP
 from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
@@ -44,8 +45,6 @@ from framework.tolerances import (
     NEWTON_STEP,
     RANK_ROUNDING,
 )
-
-MAX_STEP = 0.1  # [rad, robot lengths] largest step under load; deflections of linear springs are smaller
 
 
 class CompliantMotions(NamedTuple):
@@ -331,7 +330,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
         step_size = np.abs(step).max()
         if not np.isfinite(step_size):
             break
-        damping = MAX_STEP / max(step_size, MAX_STEP)
+        damping = LOAD_STEP / max(step_size, LOAD_STEP)
         q = integrate_columns(robot, q, columns, step * damping * lengths)
     raise NotConverged(
         "the springs find no equilibrium near this configuration: the load buckles the "

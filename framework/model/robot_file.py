@@ -99,10 +99,10 @@ def describe_tree(
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, {**content, "locked": {**locked, **coupled_to_locked}}, parameters)
 
-    robot["line_springs"] = tuple(spring for spring in robot["springs"] if isinstance(spring, LineSpring))
-    _merge_joint_springs(robot, locked)
+    _sort_springs(robot, locked)
     robot["couplings"] = tuple(remaining)
-    _drop_locked_joints(robot, locked)
+    for key in ("reference", "joints"):
+        robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
 
     joints = declared_dynamics(tree)  # which the file overrides
     for name, values in robot.pop("joints").items():
@@ -120,36 +120,27 @@ def describe_tree(
     return ParsedRobot(description, tree)
 
 
-def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Move springs of moving URDF joints into the entries of `joints`.
+def _sort_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
+    """Separate springs between points, and move those along URDF joints into the entries of `joints`.
 
-    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
+    Springs of joints that are locked are dropped. `robot` has the values of the file's keys and is changed;
+    `locked` are the positions of locked joints.
     """
-    virtual_springs = []
+    springs, line_springs = [], []
     for spring in robot["springs"]:
-        if isinstance(spring, Spring):
-            virtual_springs.append(spring)
-        if isinstance(spring, Spring | LineSpring):
-            continue
-        joint = spring["joint"]
-        if joint in locked:
-            continue
-        entry = robot["joints"].setdefault(joint, {})
-        if "stiffness" in entry or "rest" in entry:
-            raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
-        entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
-    robot["springs"] = virtual_springs
-
-
-def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the springs and entries of locked joints.
-
-    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
-    """
-    # a spring without axes of its own moves like its joint, and is locked with the joint
-    robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
-    for key in ("reference", "joints"):
-        robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
+        if isinstance(spring, LineSpring):
+            line_springs.append(spring)
+        elif isinstance(spring, Spring):
+            # without axes of its own it moves like its joint, and is locked with the joint
+            springs += [spring] if spring.motion or spring.after not in locked else []
+        elif spring["joint"] not in locked:
+            entry = robot["joints"].setdefault(spring["joint"], {})
+            if "stiffness" in entry or "rest" in entry:
+                raise RobotFileError(
+                    f"springs: joint {spring['joint']!r} has two springs of its own; add them up"
+                )
+            entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
+    robot.update(springs=tuple(springs), line_springs=tuple(line_springs))
 
 
 # ------------------------------------------------------------------ the tree

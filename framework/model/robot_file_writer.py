@@ -16,8 +16,6 @@ from framework.errors import InvalidInput, OutputError, RobotFileError
 from framework.model.description import (
     Closure,
     Coupling,
-    JointDynamics,
-    LineSpring,
     RobotDescription,
     Scene,
     kinds_with_length,
@@ -114,7 +112,8 @@ def robot_document(description: RobotDescription) -> Document:
     optional = {
         "springs": [
             *map(record_entry, description.springs),
-            *map(_line_spring_entry, description.line_springs),
+            # a free length of zero is stated, too
+            *(record_entry(s) | ({"rest": s.rest} if s.stiffness else {}) for s in description.line_springs),
         ],
         "couplings": [_coupling_entry(coupling) for coupling in description.couplings],
         "joints": _joint_entries(description),
@@ -123,11 +122,6 @@ def robot_document(description: RobotDescription) -> Document:
         "left_out": description.left_out,
     }
     return document | {key: value for key, value in optional.items() if value}
-
-
-def _line_spring_entry(spring: LineSpring) -> Document:
-    """Return the entry of a spring between points; a free length of zero is stated."""
-    return record_entry(spring) | ({"rest": spring.rest} if spring.stiffness else {})
 
 
 def _joint_entries(description: RobotDescription) -> Document:
@@ -139,12 +133,11 @@ def _joint_entries(description: RobotDescription) -> Document:
             dynamics[name] = about_axes[0]
             for coordinate in joint.coordinates:
                 del dynamics[coordinate]
-    return {name: _dynamics_entry(values) for name, values in dynamics.items()}
-
-
-def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
-    """Return the entry of a joint: the values that are not zero, and zeros that override the URDF."""
-    return {key: value for key, value in asdict(dynamics).items() if value or key in ("damping", "friction")}
+    overriding = ("damping", "friction")  # those of the URDF, also where they are zero
+    return {
+        name: {key: value for key, value in asdict(values).items() if value or key in overriding}
+        for name, values in dynamics.items()
+    }
 
 
 def _coupling_entry(coupling: Coupling) -> Document:

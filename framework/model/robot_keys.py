@@ -8,7 +8,7 @@ InvalidInput, or RobotFileError if the value contradicts the URDF.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -89,6 +89,14 @@ def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
     moments = vector3(where, given)
     check_inertia(where, np.diag(moments))
     return moments
+
+
+def closure_entry(words: Sequence[Any]) -> dict[str, Any]:
+    """Return the entry of a closure in words: two frames, a kind (by default spherical), axis or length."""
+    first, second, kind, *rest = [*words, "spherical"][: max(len(words), 3)]
+    key = "length" if kind in kinds_with_length() else "axis"
+    entry = {"name": f"{first}_{second}", "frames": [first, second], "kind": kind}
+    return entry | ({key: rest[0]} if rest else {})
 
 
 _read_axes = distinct("axis", AXES)  # one axis or several different ones
@@ -366,22 +374,12 @@ class RobotReader:
         return LineSpring(**values | {"rest": values["rest"] or 0.0})
 
     def wrenches(self, where: str, given: Any) -> dict[str, Any]:
-        """Read wrenches by frame; return each as written in plan.json.
-
-        Args:
-            where: place of the wrenches in the file, for messages.
-            given: the mapping in the file, unchecked.
-        """
+        """Read wrenches by frame; return each as written in plan.json."""
         stated = mapping_of(anything, self.frame)(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
     def scenes(self, where: str, given: Any) -> dict[str, Scene]:
-        """Read scenes, which are motions with a path and options, by name.
-
-        Args:
-            where: place of the scenes in the file, for messages.
-            given: the mapping in the file, unchecked.
-        """
+        """Read scenes, which are motions with a path and options, by name."""
         table = {**_SCENE_TABLE, "wrenches": optional(self.wrenches)}
         read_scene = record(table, _make_scene)
         scenes = mapping_of(read_scene)(where, given)
@@ -410,9 +408,7 @@ _SCENE_TABLE: Table = {
 def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, float | None]:
     """Return kind, points and blend [m] of the only path in the values of PATHS.
 
-    Args:
-        where: place of the path in the file.
-        paths: value of each key of PATHS, None if not given.
+    `paths` has the value of each key of PATHS, None if not given.
 
     Raises:
         InvalidInput: no path or several; too few or too many points; a polyline without a blend, or another
@@ -436,10 +432,7 @@ def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, floa
 
 
 def _make_scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene without a name from the values of its keys.
-
-    `where` is the place of the scene in the file, for messages.
-    """
+    """Make a scene without a name from the values of its keys."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")

@@ -103,10 +103,9 @@ def visual_model(shapes: Sequence[Shape], model: pin.Model) -> pin.GeometryModel
     return geometries
 
 
-Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, vertices and faces
-
-
-def _read_solid(description: RobotDescription, geometry: Element) -> Solid:
+def _read_solid(
+    description: RobotDescription, geometry: Element
+) -> tuple[str, tuple[float, ...], Array | None, IntArray | None]:
     """Read the first known shape of a `<geometry>`: kind, sizes [m], vertices and faces.
 
     A mesh has no sizes; the other shapes have neither vertices nor faces, None.

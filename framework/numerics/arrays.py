@@ -91,3 +91,11 @@ class ReadOnlyArrays:
         for name, value in self.__dict__.items():
             if type(value) is np.ndarray:
                 self.__dict__[name] = read_only(value)
+
+
+def has_entries(given: object) -> bool:
+    """Return whether an object is a list or array of numbers or rows; a text is none."""
+    try:
+        return bool(np.ndim(given))  # type: ignore[arg-type]
+    except ValueError:  # rows of different lengths
+        return True

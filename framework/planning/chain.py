@@ -95,6 +95,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     Raises:
         InvalidInput: the plans are of different robots, or do not meet.
     """
+    expect("plans", plans, Sequence, "[plan, next_plan]")
     for plan in plans:
         expect("plans", plan, CrossingPlan, "plan_crossing(robot, path)")
     if len(plans) < 2:

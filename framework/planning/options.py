@@ -25,6 +25,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import check_duration, is_number
 from framework.laws.path import Path
 from framework.model.description import GOALS
+from framework.numerics.arrays import has_entries
 from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
@@ -71,7 +72,7 @@ def _seconds(name: str, value: Any) -> float:
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:
     """Convert a list of finite numbers to a tuple."""
-    if isinstance(value, str) or np.ndim(value) == 0:
+    if not has_entries(value):
         raise InvalidInput(f"{name}: needs a list of numbers, got {value!r}")
     for number in value:
         if not is_number(number):
@@ -81,7 +82,7 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
 
 def _end_motion(name: str, value: Any) -> tuple[float, ...] | None:
     """Return s', s", ... at an end as a tuple; None for an end at rest."""
-    derivatives = _numbers(name, [value] if np.ndim(value) == 0 else value)
+    derivatives = _numbers(name, value if has_entries(value) else [value])
     if not any(derivatives):
         return None
     if derivatives[0] <= 0.0:

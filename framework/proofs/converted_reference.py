@@ -19,6 +19,8 @@ from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 
+MAX_MOTORS = 12  # each adds two directions to a search, and may double the number of modes
+
 
 def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     """Move a reference that the file does not state away from singularities; remark on other modes.
@@ -29,6 +31,10 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     description = parsed.description
     if parsed.stated is None:  # a robot file of ours
         return description, []
+    count = len(description.actuators)
+    if count > MAX_MOTORS:
+        remark = f"reference: for {count} motors neither singularities near it nor other modes are looked for"
+        return description, [remark]
     try:
         robot = ParallelRobot.from_description(description)
         require_square(robot)
@@ -58,10 +64,7 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
 
 def _other_modes(robot: ParallelRobot) -> list[str]:
     """Return a remark on the other poses of the reference's motors, with words that choose each."""
-    max_motors = 12  # the number of modes doubles with each leg
     motors = robot.actuated_coordinates(robot.reference.q[None])[0]
-    if len(motors) > max_motors:
-        return [f"mode: others, as robots of {len(motors)} motors have many, are not looked for"]
     try:
         found = assembly_modes(robot, motors).modes
     except FrameworkError:  # such as motors that do not determine the pose

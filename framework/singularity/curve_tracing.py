@@ -21,7 +21,7 @@ from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput, check_choice, short
 from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.continuation.arclength import correct_points
 from framework.kinematics.frames import difference, integrate_columns
@@ -97,10 +97,12 @@ class LocusEquations:
             if len(chosen) != 2:
                 raise InvalidInput(f"free: name two axes or two motors of {robot.name}: {', '.join(names)}")
             free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
-        for name in free:
+        pair: object = free
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise InvalidInput(f"free: needs two axes or two motors, got {short(pair)}")
+        for name in pair:
             check_choice("freedom", name, names)
-
-        first, second = free
+        first, second = pair
         in_motors = first in robot.actuator_names
         freedoms = robot.actuator_names if in_motors else robot.axis_names
         if first == second or second not in freedoms:

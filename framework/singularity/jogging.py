@@ -295,7 +295,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
             sign: direction of the turn, 1 or -1.
         """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
-        while angle > retreat:
+        while angle > 1.001 * retreat:  # a start that is as near already stays, whatever the rounding
             angle -= retreat
             retreat *= 10.0
             try:

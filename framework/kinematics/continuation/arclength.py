@@ -36,13 +36,14 @@ from framework.tolerances import BRANCH_STEP_SHARE, NEWTON_STEP
 
 # [rad, lengths] norm over all joints; no farther turning point counts
 MAX_ARC_LENGTH = 2 * MAX_PREDICTOR_MOVE
+LOAD_STEP = 0.1  # [rad, lengths] largest motion of a joint in a step under load; deflections are smaller
 UNCHECKED_MOTION = 1e-7  # [rad, lengths] shorter steps are too short for a fold, and are not halved
 # Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
 # tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
 MAX_SHARE_GAP = 0.1
 
 
-class Equations(Protocol):
+class EquationsWithSlopes(Protocol):
     """F and its derivatives at T points, dimensionless; implementations are named tuples of arrays."""
 
     @property
@@ -55,10 +56,10 @@ class Equations(Protocol):
 
 
 Point = TypeVar("Point", bound=tuple[Any, ...])  # a named tuple of arrays, one item each for T curves
-AnyEquations = TypeVar("AnyEquations", bound=Equations)
+AnyEquations = TypeVar("AnyEquations", bound=EquationsWithSlopes)
 
 
-def solve_bordered(equations: Equations, border: Array) -> tuple[Array, Array]:
+def solve_step_and_tangent(equations: EquationsWithSlopes, border: Array) -> tuple[Array, Array]:
     """Solve for Newton's step normal to the border c (T, n + 1), and for the tangent with c . du = 1.
 
     Returns:
@@ -112,7 +113,7 @@ def correct_points(
         if k:
             equations = evaluate(select(points, live), live)
             assign(last, live, equations)  # type: ignore[type-var]
-        newton, _ = solve_bordered(equations, border[live])
+        newton, _ = solve_step_and_tangent(equations, border[live])
         size = np.abs(newton[:, measured]).max(axis=1, initial=0.0)
         correction[live] += size
         goes_on = correction[live] <= longest[live]  # not if the matrix is singular
@@ -152,11 +153,11 @@ class CurveReason(IntEnum):
 
     ARRIVED = 0  # at s = 1
     TURNED = 1  # s turns back, or stability is lost
-    LEFT = 2  # the curve leaves the region
-    STALLED = 3  # no equations hold a step further
+    LEFT = 2  # of the region in which curves are followed
+    STALLED = 3  # no step further is accepted, however short
 
 
-class StepEnds(NamedTuple, Generic[AnyEquations]):
+class CurveSteps(NamedTuple, Generic[AnyEquations]):
     """The ends of R steps along curves."""
 
     rows: IntArray  # (R,) indices of the curves
@@ -204,7 +205,7 @@ class Curves(Generic[AnyEquations]):
         *,
         longest: Array,
         to_rounding: bool = False,
-        accept: Callable[[StepEnds[AnyEquations]], tuple[BoolArray, BoolArray]],
+        accept: Callable[[CurveSteps[AnyEquations]], tuple[BoolArray, BoolArray]],
     ) -> CurveEnds:
         """Follow T curves from points q (T, nq) at s = `share` (T,) until they end, at most to s = 1.
 
@@ -255,13 +256,13 @@ class Curves(Generic[AnyEquations]):
                 rows = live[folding[ahead.found]]
                 assign(points, rows, CurvePoints(ahead.q[ahead.found], ahead.share[ahead.found]))
                 reason[rows] = CurveReason.TURNED
-            can_halve = ~(size <= UNCHECKED_MOTION)  # also for NaN
+            can_halve = size > UNCHECKED_MOTION  # not where there is no tangent
             live = live[(is_accepted | can_halve) & (reason[live] == CurveReason.STALLED)]
         return CurveEnds(*points, reason)
 
     def _take_steps(
         self, start: CurvePoints, tangent: Array, step: Array, rows: IntArray, *, to_rounding: bool
-    ) -> tuple[StepEnds[AnyEquations], BoolArray, BoolArray]:
+    ) -> tuple[CurveSteps[AnyEquations], BoolArray, BoolArray]:
         """Step along R curves by at most `step` (R,), the largest motion of a joint [rad, lengths].
 
         A step ends at s = 1 if that is nearer, and is then corrected at constant s; if s has passed 1 the
@@ -296,7 +297,7 @@ class Curves(Generic[AnyEquations]):
             repeats=to_rounding & ~is_whole,
             measured=slice(-1),
         )
-        _, end_tangent = solve_bordered(equations, across)
+        _, end_tangent = solve_step_and_tangent(equations, across)
 
         length = length + dot(across, change)
         mean_slope = 0.5 * (tangent[:, -1] + end_tangent[:, -1])  # of s
@@ -307,7 +308,7 @@ class Curves(Generic[AnyEquations]):
         on_curve = converged & ~(has_room & ~(gap <= MAX_SHARE_GAP * np.abs(length) * largest_slope))
         turned = np.abs(length[:, None] * (end_tangent - tangent))[:, :-1].max(axis=1, initial=0.0)
         correction = np.abs(change[:, :-1]).max(axis=1, initial=0.0)
-        ends = StepEnds(
+        ends = CurveSteps(
             rows=rows,
             points=points,
             tangent=self._scale_tangents(end_tangent, rows),
@@ -384,7 +385,7 @@ class Curves(Generic[AnyEquations]):
         equations = self.evaluate(q, share, rows)
         c = _tangents_of_growing_share(equations)
         c[:, -1] = 0.0
-        correction, tangent = solve_bordered(equations, c)
+        correction, tangent = solve_step_and_tangent(equations, c)
         first_tangent = tangent
         t = np.zeros(len(q))
         dt = np.full(len(q), first_secant_length)
@@ -400,14 +401,14 @@ class Curves(Generic[AnyEquations]):
             converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
 
             last_slope = tangent[:, -1]  # ds/dt
-            correction, tangent = solve_bordered(self.evaluate(*points, rows), c)
+            correction, tangent = solve_step_and_tangent(self.evaluate(*points, rows), c)
             if (converged | diverges).all():
                 break
             dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # to the secant's zero of ds/dt
         return TurningPoints(converged & (t > 0), points.share, points.q, t, first_tangent, tangent)
 
 
-def _tangents_of_growing_share(equations: Equations) -> Array:
+def _tangents_of_growing_share(equations: EquationsWithSlopes) -> Array:
     """Compute the tangents d(y, s)/dt (T, k + 1) along which s grows, of unit length in y.
 
     Where y does not depend on s, y rests and s grows at the rate 1.

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.continuation.arclength import CurveReason, Curves, StepEnds
+from framework.kinematics.continuation.arclength import CurveReason, Curves, CurveSteps
 from framework.kinematics.frames import difference, frames_at, full_motion, integrate_columns
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import (
@@ -29,6 +29,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, select
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
+
+# [rad, lengths] largest motions of a joint in a step, near a singularity and elsewhere
+SHORT_STEP, LONG_STEP = 0.1, 0.3
 
 
 class MotorCurves(NamedTuple):
@@ -73,71 +76,29 @@ def follow_curves(
 
     `start` and `linearised` (T = 1) describe this pose. A curve with a `share` below 1 has ended early, at a
     Type 2 singularity or where it cannot be followed.
-
-    A step keeps its branch if det P keeps its sign. It is long, or the tangent turns, only where P is far
-    from losing rank, so that no other branch crosses. Assembly modes meet at a singularity. If the clearance
-    grows again after a curve has approached one, the step has passed the singularity.
     """
-    short, long = 0.1, 0.3  # [rad, lengths] largest motions of a joint in a step
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
-    passive = robot.following
-    loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
-
-    def equations_of(loops_at: LinearisedLoops, rows: IntArray) -> MotorEquations:
-        """Return the equations of the curves `rows` (R,) at linearised loops (T = R)."""
-        loops = independent_loops_matrix(robot, loops_at)  # (R, m, nv)
-        by_share = np.matvec(loops, turn[rows] / robot.column_scale)
-        slopes = np.concatenate([loops[:, :, passive], by_share[:, :, None]], axis=2)
-        return MotorEquations(loops_at.residual[:, robot.n :] / loop_sizes, slopes, loops_at.bases)
+    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
+    starts = select(start, copies)
+    curves = starts._replace(
+        share=np.zeros(len(turn)),
+        steps=copies.copy(),
+        least=starts.clearance.copy(),
+        largest=starts.clearance.copy(),
+    )
+    if start.clearance[0] < RANK_LOST:
+        return curves, linearised.select(copies)
 
     def evaluate(q: Array, _: Array, rows: IntArray) -> MotorEquations:
         """Compute the equations at q (R, nq); they depend on the share (R,) only by q."""
-        return equations_of(linearised_at(robot, q), rows)
+        return _motor_equations(robot, linearised_at(robot, q), turn[rows])
 
-    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    # state of the curves at their last points, changed in place
-    curves = select(start, copies)._replace(share=np.zeros(len(turn)), steps=copies.copy())
-    curves.least[:] = curves.clearance
-    curves.largest[:] = curves.clearance
-    first = equations_of(linearised.select(copies), np.arange(len(turn)))
-    bases = first.bases.copy()
-    determinants = np.array(np.linalg.slogdet(first.slopes[:, :, :-1]))  # (2, T) signs, log |det P|
-    approaching = np.zeros(len(turn), dtype=bool)
-    longest = np.full(len(turn), long)
-
-    def accept(ends: StepEnds[MotorEquations]) -> tuple[BoolArray, BoolArray]:
-        """Return which steps end on their branch, (R,), and store the state of their curves; all go on."""
-        rows, P = ends.rows, ends.equations.slopes[:, :, :-1]
-        clearances = singular_values(P).min(axis=1, initial=np.inf)
-        start_clearances = curves.clearance[rows]
-        signs, logarithms = np.linalg.slogdet(P)
-        new_bases = ends.equations.bases
-        turned_signs = signs * relative_orientation(bases[rows], new_bases)
-        keeps = keeps_sign(determinants[:, rows], (turned_signs, logarithms))
-        keeps &= (clearances >= RANK_LOST) | (ends.points.share < 1.0)
-        is_apart = clearances > BRANCHES_CROSS
-        is_steady = 2.0 * np.minimum(clearances, start_clearances) > np.maximum(clearances, start_clearances)
-        keeps &= is_apart | ends.is_straight & (is_steady | (ends.size <= short))
-        is_nearer = clearances < start_clearances
-        approaching[rows] |= keeps & is_nearer & (clearances < BRANCHES_MEET)
-        keeps &= is_nearer | ~approaching[rows]
-
-        rows, clearances = rows[keeps], clearances[keeps]
-        x = robot.platform.coordinates(frames_at(robot, ends.points.q[keeps]))
-        curves.x[rows] = robot.platform.unwrap(x, curves.x[rows])
-        curves.steps[rows] += 1
-        curves.clearance[rows] = clearances
-        curves.least[rows] = np.minimum(curves.least[rows], clearances)
-        curves.largest[rows] = np.maximum(curves.largest[rows], clearances)
-        bases[rows] = new_bases[keeps]
-        determinants[:, rows] = signs[keeps], logarithms[keeps]
-        longest[rows] = np.where((is_apart | is_steady)[keeps], long, short)
-        return keeps, np.ones(len(keeps), dtype=bool)
-
-    if start.clearance[0] < RANK_LOST:
-        return curves, linearised.select(copies)
-    curves_of_motors = Curves(robot, passive, turn, evaluate)
-    q, share, reason = curves_of_motors.follow(curves.q, curves.share, first, longest=longest, accept=accept)
+    first = _motor_equations(robot, linearised.select(copies), turn)
+    progress = _Progress.at_start(robot, curves, first)
+    curves_of_motors = Curves(robot, robot.following, turn, evaluate)
+    q, share, reason = curves_of_motors.follow(
+        curves.q, curves.share, first, longest=progress.longest, accept=progress.accept
+    )
     # rounding of many steps leaves the motors slightly off their prescribed turn
     motor_offset = (share[:, None] * turn - difference(robot, start.q, q))[:, robot.actuated]
     q = integrate_columns(robot, q, robot.actuated, motor_offset)
@@ -151,6 +112,72 @@ def follow_curves(
         curves.clearance[turned] = last.clearance
         curves.least[turned] = np.minimum(curves.least[turned], last.clearance)
     return curves, linearised
+
+
+def _motor_equations(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> MotorEquations:
+    """Return the equations of R curves at linearised loops (T = R), for turns (R, nv) of the motors."""
+    loops = independent_loops_matrix(robot, linearised)  # (R, m, nv)
+    by_share = np.matvec(loops, turn / robot.column_scale)
+    return MotorEquations(
+        values=linearised.residual[:, robot.n :] / equation_sizes(robot)[robot.n :],
+        slopes=np.concatenate([loops[:, :, robot.following], by_share[:, :, None]], axis=2),
+        bases=linearised.bases,
+    )
+
+
+class _Progress(NamedTuple):
+    """The state of T curves at their last points; `accept` changes the arrays in place."""
+
+    robot: ParallelRobot
+    curves: MotorCurves
+    bases: Array  # (T, R, m) of the ranges of the loops' rows
+    determinants: Array  # (2, T) sign and logarithm of det P in these bases
+    approaching: BoolArray  # (T,) whether the curve has come near a singularity
+    longest: Array  # (T,) [rad, lengths] largest motion of a joint in the next step
+
+    @staticmethod
+    def at_start(robot: ParallelRobot, curves: MotorCurves, first: MotorEquations) -> _Progress:
+        """Return the state at the starts of T curves."""
+        determinants = np.array(np.linalg.slogdet(first.slopes[:, :, :-1]))
+        longest = np.full(len(curves.q), LONG_STEP)
+        return _Progress(
+            robot, curves, first.bases.copy(), determinants, np.zeros(len(longest), dtype=bool), longest
+        )
+
+    def accept(self, ends: CurveSteps[MotorEquations]) -> tuple[BoolArray, BoolArray]:
+        """Return which steps end on their branch, (R,), and store the state of their curves; all go on.
+
+        On the branch det P keeps its sign. A step may be long, and its tangent turn, only where P is far from
+        losing rank, so that no other branch crosses; it may also be long while the clearance is steady.
+        Assembly modes meet at a singularity. If the clearance grows again after a curve has approached one,
+        the step has passed the singularity.
+        """
+        robot, curves, rows = self.robot, self.curves, ends.rows
+        P, bases = ends.equations.slopes[:, :, :-1], ends.equations.bases
+        clearances = singular_values(P).min(axis=1, initial=np.inf)
+        start_clearances = curves.clearance[rows]
+        signs, logarithms = np.linalg.slogdet(P)
+        turned_signs = signs * relative_orientation(self.bases[rows], bases)
+        keeps = keeps_sign(self.determinants[:, rows], (turned_signs, logarithms))
+        keeps &= (clearances >= RANK_LOST) | (ends.points.share < 1.0)
+        is_apart = clearances > BRANCHES_CROSS
+        is_steady = 2.0 * np.minimum(clearances, start_clearances) > np.maximum(clearances, start_clearances)
+        keeps &= is_apart | ends.is_straight & (is_steady | (ends.size <= SHORT_STEP))
+        is_nearer = clearances < start_clearances
+        self.approaching[rows] |= keeps & is_nearer & (clearances < BRANCHES_MEET)
+        keeps &= is_nearer | ~self.approaching[rows]
+
+        rows, clearances = rows[keeps], clearances[keeps]
+        x = robot.platform.coordinates(frames_at(robot, ends.points.q[keeps]))
+        curves.x[rows] = robot.platform.unwrap(x, curves.x[rows])
+        curves.steps[rows] += 1
+        curves.clearance[rows] = clearances
+        curves.least[rows] = np.minimum(curves.least[rows], clearances)
+        curves.largest[rows] = np.maximum(curves.largest[rows], clearances)
+        self.bases[rows] = bases[keeps]
+        self.determinants[:, rows] = signs[keeps], logarithms[keeps]
+        self.longest[rows] = np.where((is_apart | is_steady)[keeps], LONG_STEP, SHORT_STEP)
+        return keeps, np.ones(len(keeps), dtype=bool)
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:

@@ -1,7 +1,7 @@
 """Tests of steps from pose to pose: whether a predicted and corrected step stays on its branch.
 
-In a step the platform follows a path (`tracking`), or the motors turn (`motor_curves`). A step along the
-tangent is accepted if its correction is small compared with the step and its end is on the same branch.
+In a step the platform follows a path (`tracking`) or a grid (`atlas.sweep`). A step along the tangent is
+accepted if its correction is small compared with the step and its end is on the same branch.
 Otherwise the step is halved. A branch may end on a singularity, at a turning point: see `arclength`.
 """
 
@@ -13,14 +13,10 @@ import numpy as np
 
 from framework.kinematics.frames import largest_motion
 from framework.kinematics.mechanism import Mechanism
-from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
-MIN_STEP_RATIO = 1e-7  # share of the curve; if a step shorter than this is refused, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singularity tangents lead far away
-FIRST_STEP_RATIO = 1 / 8  # share of the curve
-BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
-MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
 
 
 def accept_steps(
@@ -73,10 +69,3 @@ def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
         advance: (T,) length of the step.
     """
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
-
-
-def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
-    """Cut each parameter `step` (T,) to `MAX_PREDICTOR_MOVE` of a joint at the `rate` (T, nv)."""
-    speed = largest_motion(robot, rate)
-    longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99 leaves room for rounding
-    return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)

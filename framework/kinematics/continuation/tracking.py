@@ -31,13 +31,8 @@ from framework.kinematics.continuation.path_sheet import (
     judge_steps,
     with_tangents,
 )
-from framework.kinematics.continuation.predictor_corrector import (
-    BRANCH_GROWTH,
-    MAX_STEP_RATIO,
-    MIN_STEP_RATIO,
-    limit_steps,
-)
-from framework.kinematics.frames import integrate, integrate_columns
+from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE
+from framework.kinematics.frames import integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
@@ -49,8 +44,8 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Line, Path, check_path
-from framework.numerics.arrays import Array, ArrayLike, IntArray
-from framework.tolerances import FILE_ROUNDING, MAX_TURNS, SAME_PLACE
+from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike, IntArray
+from framework.tolerances import BRANCH_CORRECTION, FILE_ROUNDING, MAX_TURNS, SAME_PLACE
 
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
@@ -179,20 +174,24 @@ def _follow_steps(
     robot: ParallelRobot, path: Path, pose: BranchPoses, *, to_the_end: bool
 ) -> list[BranchPoses]:
     """Follow the path from a pose (K = 1) in single steps; return this pose and all that follow."""
+    min_step, max_step = 1e-7, 1 / 4  # in s; if a shorter step is refused, the branch has ended
+    small_correction = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller one the step is doubled
     poses = [pose]
     step = MIN_SHEET_PANEL
     seeks_end = to_the_end  # once from each pose
     while pose.s[0] < 1.0:
-        step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
-        if step < MIN_STEP_RATIO:
+        speed = float(largest_motion(robot, pose.rate)[0])  # [rad, lengths] of a joint, over s
+        # tangents lead far away near a singularity; 0.99 leaves room for rounding
+        step = min(step, 1.0 - float(pose.s[0]), 0.99 * MAX_PREDICTOR_MOVE / max(speed, LEAST_DIVISOR))
+        if step < min_step:
             break
         following = _take_step(robot, path, pose, step)
         if following is not None:
             pose, correction = following
             poses.append(pose)
             seeks_end = to_the_end
-            if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
-                step = min(2.0 * step, MAX_STEP_RATIO)
+            if correction < small_correction and step < max_step:
+                step = min(2.0 * step, max_step)
             continue
         # refused: the branch ends ahead, or the step is too long
         end = _type1_end(robot, path, pose) if seeks_end else None

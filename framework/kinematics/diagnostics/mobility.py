@@ -44,7 +44,7 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, RobotDescription
 from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import least_singular_values, singular_values, split_row_space
-from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
+from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST, RANK_ROUNDING
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
 MAX_LISTED = 4  # number of proposals, or of joints, that a message lists
@@ -299,14 +299,12 @@ def motions_near_reference(description: RobotDescription) -> LoopMotions:
     nearby = nearby_configurations(mechanism, q)
     if any(numerical_rank(joint_loops_matrix(mechanism, pose)) > rank for pose in nearby):
         poses = [*nearby, *nearby_configurations(mechanism, q, distance=DISTANCE_APART)]
-        rank = max(numerical_rank(joint_loops_matrix(mechanism, pose)) for pose in poses)
-
-        def distance_to_singularity(pose: Array) -> tuple[bool, float]:
-            """Return whether a pose is within the ranges, and the rank-th singular value over the first."""
-            values = singular_values(joint_loops_matrix(mechanism, pose))
-            return not positions_beyond_limits(mechanism.limits, pose[None]), values[rank - 1] / values[0]
-
-        q = max(poses, key=distance_to_singularity)
+        values = singular_values(np.array([joint_loops_matrix(mechanism, pose) for pose in poses]))
+        rank = int(np.sum(values > RANK_ROUNDING * values[:, :1], axis=1).max())
+        clearance = values[:, rank - 1] / values[:, 0]  # (poses,) least singular value over the largest
+        # a pose beyond the ranges only if all are: the clearance is at most 1
+        within = [not positions_beyond_limits(mechanism.limits, pose[None]) for pose in poses]
+        q = poses[int(np.argmax(clearance + 2.0 * np.array(within)))]
         remarks.append(BESIDE_SINGULARITY)
     if beyond := positions_beyond_limits(mechanism.limits, q[None]):
         places = "; ".join(f"{joint} at {place}" for joint, place in beyond.items())

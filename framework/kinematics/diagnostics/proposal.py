@@ -168,10 +168,11 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
             remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
             return partial.with_platform(platform, remark)
 
-    part = _advise_on_parts(partial)
     joint_platforms = list(_joint_platforms(motions, partial)) if by_joints else []
     for platform in joint_platforms:
         if _is_driven(partial.description, platform):
+            max_motors = 12  # with which it is worth the time to try parts of the robot
+            part = _advise_on_parts(partial) if len(partial.description.actuators) <= max_motors else ""
             alternative = f"; or {part.removesuffix(', ')}" if part else ""
             why = f"no body is moved by all of the motors{alternative}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
@@ -184,6 +185,7 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
     holding = _choose_joints_to_hold(motions, idle, partial)
     holding = _select_helpful(partial, holding)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
+    part = _advise_on_parts(partial)
     remedies = f"{part}or {remedy}" if part else remedy
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(partial.description.motor_joints)} along "

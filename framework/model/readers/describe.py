@@ -32,11 +32,10 @@ from framework.model.description import (
     JointDynamics,
     Platform,
     RobotDescription,
-    kinds_with_length,
-    locked_axes,
 )
-from framework.model.documents import parse_numbers, prefix_errors
+from framework.model.documents import parse_numbers
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
+from framework.model.robot_keys import RobotReader, closure_entry
 from framework.model.urdf_edits import urdf_text
 from framework.model.urdf_elements import (
     PACKAGE,
@@ -136,7 +135,11 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     # URDF and platform are stand-ins until options or proposals have completed the robot
     actuators = attach_transmissions(tree)  # adds to the dynamics of joints
     dynamics = declared_dynamics(tree)
-    _check_dynamics(dynamics)
+    for name, value in dynamics.items():
+        if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
+            raise RobotFileError(
+                f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
+            )
     description = RobotDescription(
         name=_choose_name(tree.name, file),
         file=file,
@@ -167,19 +170,10 @@ def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
     where = f"--close {' '.join(words)}"
     if len(words) not in (3, 4):
         raise RobotFileError(f"{where}: needs FRAME FRAME KIND, and an axis or a length of some kinds")
-    first, second, kind, *rest = words
-    for frame in (first, second):
-        check_name(where, "frame", frame, tree.frames)
-    if tree.body(first) == tree.body(second):
-        raise RobotFileError(f"{where}: both frames are on one rigid body: nothing to close")
-    name = f"{first}_{second}"
-    if kind not in kinds_with_length():
-        with prefix_errors(where):
-            return Closure(name, (first, second), locked_axes(kind, *rest))
-    (length,) = parse_numbers(f"{where}: length", " ".join(rest), 1)
-    if length <= 0.0:
-        raise RobotFileError(f"{where}: the length must be greater than zero")
-    return Closure(name, (first, second), locked_axes(kind), length)
+    entry = closure_entry(words)
+    if "length" in entry:
+        (entry["length"],) = parse_numbers(f"{where}: length", words[-1], 1)
+    return RobotReader(tree).closure(where, entry)
 
 
 def _locate_meshes(tree: UrdfTree, file: Path, packages: Sequence[str]) -> None:
@@ -260,15 +254,6 @@ def _choose_name(of_model: str, file: Path) -> str:
         if name.lower() not in _GENERIC_NAMES and file_name.strip("_"):
             return file_name
     return file.stem
-
-
-def _check_dynamics(dynamics: Mapping[str, JointDynamics]) -> None:
-    """Refuse negative values of joint dynamics, by coordinate."""
-    for name, value in dynamics.items():
-        if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
-            raise RobotFileError(
-                f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
-            )
 
 
 # ------------------------------------------------------------------ joints that move

@@ -420,7 +420,13 @@ class _Model:
         """Report unread effects of joints, bodies, tendons and the fluid, with sizes."""
         model = self.compiled
         for joint in self.joints:
-            self._name_unread_effects_of_joint(joint)
+            view, where = joint.view, f"joint {joint.name!r}"
+            if not joint.has_one_freedom and view.stiffness[0]:
+                self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
+            for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+                if rows.any():
+                    powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
+                    self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 self.leave_out(f"body {body!r}: mocap, so it stands still", [body])
@@ -435,17 +441,6 @@ class _Model:
         if density or viscosity:
             fluid = f"density {density:g}, viscosity {viscosity:g}"
             self.leave_out(f"<option> {fluid}: the drag of the fluid", self.all_joints)
-
-    def _name_unread_effects_of_joint(self, joint: _Joint) -> None:
-        """Report the spring of a ball, and higher powers in damping and stiffness."""
-        view = joint.view
-        where = f"joint {joint.name!r}"
-        if not joint.has_one_freedom and view.stiffness[0]:
-            self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
-        for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
-            if rows.any():
-                powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
-                self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
 
     def _unread_effects_of_tendon(self, k: int) -> list[str]:
         """List the unread effects of tendon k: most of a spatial one, slack, ranges."""

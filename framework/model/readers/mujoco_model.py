@@ -232,8 +232,11 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
         is_replaced = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only
         if not body.explicitinertial or is_replaced:
             continue
-        if np.isfinite(body.fullinertia[0]):  # the file states a matrix
-            _make_principal(body)
+        if np.isfinite(body.fullinertia[0]):  # the file states a matrix: principal moments and axes instead
+            body.inertia, axes = np.linalg.eigh(symmetric_matrix(*body.fullinertia))
+            axes[:, 0] *= np.linalg.det(axes)  # makes the axes right-handed
+            body.iquat = to_quaternion(axes)
+            body.fullinertia = [np.nan, 0, 0, 0, 0, 0]  # MuJoCo's mark for no inertia matrix
         try:
             if body.mass < 0:
                 raise RobotFileError(f"body {body.name!r}: has a mass of {body.mass:g} kg")
@@ -247,15 +250,6 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
         largest = moments.argmax()
         moments[largest] = min(moments[largest], moments.sum() - moments[largest])
         body.inertia = moments
-
-
-def _make_principal(body: Any) -> None:
-    """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
-    moments, axes = np.linalg.eigh(symmetric_matrix(*body.fullinertia))
-    axes[:, 0] *= np.linalg.det(axes)  # makes the axes right-handed
-    body.fullinertia = [np.nan, 0, 0, 0, 0, 0]  # MuJoCo's mark for no inertia matrix
-    body.inertia = moments
-    body.iquat = to_quaternion(axes)
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:

@@ -18,8 +18,9 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput, expect, finite_numbers
-from framework.model.description import AXES, kinds_with_length
+from framework.model.description import AXES
 from framework.model.robot_file import describe_tree
+from framework.model.robot_keys import closure_entry
 from framework.model.urdf_edits import add_frame, free_name, inertial_element, urdf_text
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
@@ -147,11 +148,7 @@ def _closure(tree: Tree, model: pin.Model, index: int, given: Any) -> dict[str, 
     if isinstance(given, Mapping):
         return dict(given)
     if isinstance(given, tuple | list) and 2 <= len(given) <= 4:
-        first, second, *words = given
-        kind, *rest = words or ["spherical"]
-        entry = {"name": f"{first}_{second}", "frames": [first, second], "kind": kind}
-        key = "length" if kind in kinds_with_length() else "axis"
-        return entry | ({key: rest[0]} if rest else {})
+        return closure_entry(given)
     what = f"closures[{index}]"
     if not hasattr(given, "joint1_placement"):
         raise InvalidInput(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, short
+from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, expect, short
 from framework.model.description import RobotDescription
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
 from framework.model.parameters import fill_parameters
@@ -45,6 +45,7 @@ _OTHER_FILES = {  # what a file is, by how it begins in lower case
     "<html": "a page of HTML: download the file itself",
 }
 _LIST_OPTIONS = ("axes", "motors", "platform_joints")  # options that are lists of names
+_MAPPING_OPTIONS = ("parameters", "reference", "locked")
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")  # of our robot file
 
 
@@ -83,6 +84,9 @@ def parse_any(
             records cannot express, or leaves out something that no option completes.
     """
     path = Path(file)
+    for key, value in {"parameters": parameters, **options}.items():
+        if key in _MAPPING_OPTIONS and value is not None:
+            expect(key, value, Mapping, '{"knee": 0.5}')
     stated: dict[str, Any] = {
         name: tuple(value) if name in _LIST_OPTIONS else value
         for name, value in options.items()

@@ -150,13 +150,13 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     for name in scope.frames:
         if (link := scope.link_of(name)) in tree.links:
             tree.add_frame(name, link, invert_placement(scope.placement_of(link)) @ scope.placement_of(name))
-    tree.reference = _read_initial_positions(joints, tree_names)
     _report_unread_parts(scope, tree, joints)
     tree.left_out += [UnreadElement(text, (link,)) for text, link in detached if link in tree.links]
     tree.remarks += [missing] * bool(scope.unread)
     for joint in joints:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree.movable)
+            tree.reference |= _read_initial_positions(joint)
         else:
             close_joint(tree, joint)
             _report_cut_properties(tree, joint)
@@ -291,18 +291,14 @@ def _has_property(joint: Element, *properties: str) -> bool:
     return any(joint.find(f"{axis}/{tag}") is not None for axis in _SUFFIXES for tag in properties)
 
 
-def _read_initial_positions(joints: Sequence[_Joint], tree_names: Sequence[str]) -> dict[str, float]:
-    """Read the positions [rad, m] of joints of the tree in <initial_position>, as Drake does."""
-    motions = [
-        (joint.element, f"{joint.name}{suffix}", f"{tag}/initial_position")
-        for joint in joints
-        for tag, suffix in _SUFFIXES.items()
-        if joint.name in tree_names
-    ]
+def _read_initial_positions(joint: _Joint) -> dict[str, float]:
+    """Read the positions [rad, m] of a joint's motions in <initial_position>, as Drake does."""
+    paths = {suffix: f"{tag}/initial_position" for tag, suffix in _SUFFIXES.items()}
+    where = f"joint {joint.name!r}"
     return {
-        name: _read_values(element, f"joint {name!r}", {path: "0"})[0]
-        for element, name, path in motions
-        if element.find(path) is not None
+        f"{joint.name}{suffix}": _read_values(joint.element, where, {path: "0"})[0]
+        for suffix, path in paths.items()
+        if joint.element.find(path) is not None
     }
 
 

@@ -225,3 +225,10 @@ def test_where_modes_cross_without_a_fold_none_is_chosen_in_silence(beyond):
     share = stopped.value.share * beyond
     assert sign(share - 2e-3) == sign(0.1)
     assert sign(share + 2e-3) == -sign(0.1)
+
+
+def test_a_curve_that_crosses_the_locus_twice_in_a_fifth_of_it_ends_at_the_first_crossing():
+    """det P changes its sign at 0.5845 and 0.682 of the turn, in 20,000 steps of Newton's method."""
+    with pytest.raises(Type2Singularity) as end:
+        forward_kinematics(robots.load("par4"), [0.058, -0.04, 1.708, 1.816])
+    assert end.value.share == pytest.approx(0.5845, abs=5e-5)

@@ -587,9 +587,9 @@ def test_a_loop_is_closed_in_words(tmp_path, words, locked, length):
         ("end top spherical", "unknown frame 'top'; did you mean 'tip'"),
         ("end tip ball", "unknown closure kind 'ball'"),
         ("end tip revolute w", "unknown closure axis 'w'"),
-        ("end c spherical", "both frames are on one rigid body"),
-        ("end tip distance", "length: needs 1 number"),
-        ("end tip distance -1", "the length must be greater than zero"),
+        ("end c spherical", "'end' and 'c' are on one rigid body"),
+        ("end tip distance", "length: missing"),
+        ("end tip distance -1", "length: must be greater than zero"),
     ],
 )
 def test_words_that_close_no_loop_are_refused(tmp_path, words, message):
