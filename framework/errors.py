@@ -152,10 +152,14 @@ def round_up(value: float, digits: int) -> float:
     return float(f"{np.ceil(value / unit) * unit:.{digits}g}")
 
 
-def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
-    """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
+def choose_from(what: str, given: object, valid: Iterable[str], meant: Collection[str] = ()) -> str:
+    """Return the sentence for a name that is not in a list: the given, the nearest and the valid names.
+
+    `meant` are further names that may be meant, beside the nearest.
+    """
     names = sorted(set(valid))
-    return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {list_names(names)})"
+    hint = did_you_mean(given, names, meant)
+    return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {list_names(names)})"
 
 
 def list_names(names: Sequence[str], most: int = 40) -> str:
@@ -170,9 +174,9 @@ def check_choice(what: str, given: object, valid: Collection[str]) -> None:
         raise InvalidInput(choose_from(what, given, valid))
 
 
-def did_you_mean(given: object, valid: Iterable[str]) -> str:
-    """Return the end of a sentence with the valid names that resemble a given one; empty without any."""
-    similar = " or ".join(map(repr, nearest(str(given), valid)))
+def did_you_mean(given: object, valid: Iterable[str], meant: Collection[str] = ()) -> str:
+    """Return the end of a sentence with the names meant, and those valid that resemble; empty without."""
+    similar = " or ".join(map(repr, dict.fromkeys([*meant, *nearest(str(given), valid)])))
     return f"; did you mean {similar}?" if similar else ""
 
 

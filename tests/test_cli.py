@@ -270,6 +270,16 @@ def test_instants_have_the_torques_of_the_closed_form(crossing, document, refusa
     assert "at: needs instants of 0 to 1.5 s" in refusal(2, "plan", *scene, "--at", 1.6)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_figures")
+def test_a_plan_whose_duration_is_found_is_kept_if_an_instant_is_beyond_it(refusal, tmp_path):
+    line = ["five_bar", "--from", 0.1, 0.34, "--to", 0.08, 0.33, "--optimize", "time", "--torque-limit", 1]
+    said = refusal(2, "plan", *line, "--at", 30, "--out", tmp_path / "quick")
+    duration = json.loads((tmp_path / "quick" / "plan.json").read_text())["duration"]
+    assert f"0 to {duration:.6g} s" in said
+    assert f"the plan is written to {tmp_path / 'quick'}" in said
+
+
 def test_a_line_of_ones_own_is_planned_with_times_and_speeds_of_the_programs_choice(document):
     found = document(*FREE)
     (crossing,) = found["crossings"]

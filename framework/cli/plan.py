@@ -141,23 +141,31 @@ def run_plan(options: Namespace) -> Report:
     with arguments.written_out(options, FILE, OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(options, robot, request, level)
         document = plan_document(plan, out) | entries
-        instants = _instants(plan, options)
         if folder is not None:
             options.progress.start("drawing the figures")
             _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
     if replaced:
         options.written += replaced
+    instants = _instants(plan, options)
     table = [[f"{value:.6g}" for value in row.values()] for row in instants]
     rows = ["  " + "\t".join(row) for row in [[*instants[0]], *table]] if instants else []
     return document | ({"instants": instants} if instants else {}), [*plan_lines(plan), *lines, *rows]
 
 
 def _instants(plan: CrossingPlan, options: Namespace) -> list[dict[str, float]]:
-    """Return the columns of motion.csv at the instants of --at, a dictionary an instant."""
+    """Return the columns of motion.csv at the instants of --at, a dictionary an instant.
+
+    Raises:
+        InvalidInput: an instant is beyond a duration that was found; the message says where the plan is.
+    """
     if options.at is None:
         return []
     columns = ["time", "s", *(f"platform_{axis}" for axis in plan.robot.axis_names), "torque"]
-    table = plan.samples(at=options.at, columns=options.columns or columns)
+    try:
+        table = plan.samples(at=options.at, columns=options.columns or columns)
+    except InvalidInput as error:
+        kept = "" if options.written is None else f"the plan is written to {options.written}"
+        raise error.adding(kept) from None
     return [dict(zip(table.names, row, strict=True)) for row in table.rows.tolist()]
 
 

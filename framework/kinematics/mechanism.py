@@ -154,7 +154,7 @@ class Mechanism(ReadOnlyArrays):
         *,
         reference: ArrayLike | Mapping[str, float] | None = None,
         flexibility: str = "rigid",
-        name: str = "robot",
+        name: str | None = None,
         **keys: Any,
     ) -> Self:
         """Build a robot of a pinocchio model of the open tree and what closes its loops.
@@ -174,7 +174,7 @@ class Mechanism(ReadOnlyArrays):
             reference: q (nq,) of the given model, or joint positions by name [rad, m], near an assembled
                 pose, which decides the modes; pinocchio's neutral configuration by default.
             flexibility: which of the `springs` exist, `rigid` for none.
-            name: of the robot.
+            name: of the robot; by default that of the model, or `robot` if it has none.
             keys: further keys of a robot file: `springs`, `couplings`, `joints` (dry friction), `scenes`.
 
         Raises:
@@ -183,7 +183,13 @@ class Mechanism(ReadOnlyArrays):
             NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
         """
         parsed = parse_pinocchio(
-            model, closures, actuators, platform, reference=reference, name=name, keys=keys
+            model,
+            closures,
+            actuators,
+            platform,
+            reference=reference,
+            name=name or model.name or "robot",
+            keys=keys,
         )
         return cls.assemble_or_advise(_build_mechanism(parsed, flexibility))
 

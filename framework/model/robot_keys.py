@@ -394,7 +394,7 @@ PATHS: Table = {  # one of the kinds, see `select_path`
 }
 _SCENE_TABLE: Table = {
     **PATHS,
-    "duration": optional(positive),
+    "duration": optional(positive, also=("time",)),
     "optimize": optional(one_of("goal", GOALS)),
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),

@@ -29,6 +29,7 @@ class Field(NamedTuple):
     read: Reader[Any]
     default: Any = None  # value of a key that is left out
     required: bool = False  # whether the key must be given
+    also: Collection[str] = ()  # other words for the key, which are refused and point to it
 
 
 optional = Field  # declares a key that may be left out
@@ -76,7 +77,8 @@ def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | 
     valid = content if others is None else (*table, *others)
     for key in content:
         if key not in valid:
-            raise InvalidInput(f"{below(where, key)}: {choose_from('key', key, valid)}")
+            meant = [name for name, field in table.items() if key in field.also]
+            raise InvalidInput(f"{below(where, key)}: {choose_from('key', key, valid, meant)}")
     return values
 
 

@@ -208,11 +208,12 @@ class CrossingPlan:
 
     def __repr__(self) -> str:
         """Return robot, law, crossings and tail in one line."""
+        is_chain = self.law.degree == 1  # s is proportional to time in a chain alone
+        law = self.reason if is_chain else f"{self.law.kind} law, degree {self.law.degree}"
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
         return (
-            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {self.law.kind} "
-            f"law, degree {self.law.degree} over {self.duration:g} s, crossings: {where or 'none'}, tail "
-            f"{self.certificate.tail:.1e})"
+            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {law} over "
+            f"{self.duration:g} s, crossings: {where or 'none'}, tail {self.certificate.tail:.1e})"
         )
 
     def samples(

@@ -102,6 +102,10 @@ def test_a_model_in_memory_keeps_the_order_of_its_joints_and_its_dynamics(swappe
     # the same robot by frames in words, and its reference as q of the model
     same = ParallelRobot.from_pinocchio(model, [("a_tip", "b_tip")], **ASKED | {"reference": q})
     np.testing.assert_allclose(same.reference.q, q, atol=1e-12)
+    assert robot.name == "robot"
+    model.name = "two_legs"
+    assert ParallelRobot.from_pinocchio(model, [loop], **ASKED).name == "two_legs"
+    assert ParallelRobot.from_pinocchio(model, [loop], **ASKED, name="mine").name == "mine"
     x = robot.reference.x
     assert plan_crossing(same, Line(x, x + 0.01), duration=1.0).certificate.tail < 1e-10
 

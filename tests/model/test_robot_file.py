@@ -211,7 +211,7 @@ MALFORMED = [
     ("scenes.C.times", [math.inf], ["scenes.C.times[0]", "finite", "inf"]),
     ("scenes.C.speeds", [0], ["scenes.C.speeds[0]", "greater than zero"]),
     ("scenes.C.at", ["half"], ["scenes.C.at[0]", "number", "'half'"]),
-    ("scenes.C.time", [1.0], ["scenes.C.time", "did you mean 'times'"]),
+    ("scenes.C.time", [1.0], ["scenes.C.time", "did you mean 'duration' or 'times'"]),
 ]
 
 

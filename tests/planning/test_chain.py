@@ -66,6 +66,8 @@ def test_a_chain_answers_as_its_plans_do():
         np.testing.assert_allclose(of_chain(before), of_plan(before), atol=1e-9)
         np.testing.assert_allclose(of_chain(0.5 + after), of_rest(after), atol=1e-9)
     assert chain.duration == pytest.approx(2.1)
+    assert "a chain of 2 plans over 2.1 s" in repr(chain)
+    assert "degree" in repr(plan)
     assert chain.crossings[0].time == pytest.approx(0.5 + rest.crossings[0].time)
     assert len(joint_trajectory(chain)["points"]) == 501
     reference = reference_of(chain, period=1e-2)
