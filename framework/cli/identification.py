@@ -25,7 +25,7 @@ CALIBRATED = """\
 {0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
 {0.combinations.gap:.1e}), {0.instants} poses, {0.steps} steps
   residual          {2}{3}
-  held out, by motor angles\tbefore\tafter"""
+  held out, by {4}\tbefore\tafter"""
 
 
 def add_calibrate_options(parser: OneLineParser) -> None:
@@ -95,13 +95,11 @@ def _noise_text(calibration: Calibration) -> str:
 def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
     names = calibration.geometry.names
-    measured = calibration.measured
     unseen = calibration.unseen
     outliers = f"; outliers: {', '.join(calibration.outlier_rows)}" if calibration.outliers else ""
-    lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers)]
-    errors = [*zip(measured.names, calibration.error_before, calibration.error_after, strict=True)]
-    for error in errors[calibration.robot.n_a :]:  # behind the motors, which predict the other measurements
-        lines.append("  {}\t{:.2e}\t{:.2e}".format(*error))
+    source = "motor angles" if calibration.poses == "motors" else "the platform: motors lead elsewhere"
+    lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers, source)]
+    lines += ["  {}\t{:.2e}\t{:.2e}".format(*error) for error in calibration.errors_held_out()]
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(names, calibration.values, calibration.deviations, strict=True)
     off = [row for row in rows if abs(row[1]) > row[2]]

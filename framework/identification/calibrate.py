@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotAssembled, NotConverged, check_choice
+from framework.errors import InvalidInput, NoAnswer, NotAssembled, NotConverged, check_choice
 from framework.identification.base_parameters import random_poses
 from framework.identification.combinations import (
     COEFFICIENT_ROUNDING,
@@ -37,17 +37,27 @@ from framework.identification.geometry import (
     sensor_slopes,
 )
 from framework.identification.least_squares import posterior_root
+from framework.identification.measured_motion import motor_distances
 from framework.identification.recording import HELD_OUT_EVERY, TOUCH, Recording
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
-from framework.kinematics.frames import frames_at, integrate_columns
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.frames import difference, frames_at, integrate_columns
+from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.output import Document, plain, select_fields
-from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
+from framework.numerics.rotations import whole_turns
+from framework.tolerances import (
+    LOOP_GAP,
+    MAX_MOTOR_MISFIT,
+    MAX_NOISE_RATIO,
+    MAX_PRIOR_DEVIATIONS,
+    RANK_ROUNDING,
+)
 
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of a machine shop
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
@@ -71,8 +81,10 @@ class Calibration(ReadOnlyArrays):
         combinations: the parameter combinations that the data determine; other directions keep the prior.
         unseen: descriptions of the directions that the data do not determine, with remedies.
         further: poses that show most of what these data leave to the file.
+        poses: source of the poses from which the fit starts: motors, or platform where motors lead to other
+            poses than the measured ones, or to none.
         error_before, error_after: (m,) root mean square errors of the columns of `measured`, predicted from
-            the motors' angles at the instants held out; zero for the motors themselves.
+            the source at the instants held out; zero for the source itself.
         noise: ratio of the residual to the assumed noise, by which deviations are scaled; 1 if the data are
             too few to estimate it. If the noise is estimated, deviations are widened by Student's t, so that
             an interval of three deviations has the same probability as with known noise.
@@ -88,6 +100,7 @@ class Calibration(ReadOnlyArrays):
     combinations: Combinations
     unseen: Names
     further: FurtherPoses
+    poses: str
     error_before: Array
     error_after: Array
     noise: float
@@ -97,6 +110,13 @@ class Calibration(ReadOnlyArrays):
     instants: int
     steps: int
     seconds: float
+
+    def errors_held_out(self) -> list[tuple[str, float, float]]:
+        """Return name and errors before and after [rad, m] of each column but the source."""
+        before, after = self.error_before.tolist(), self.error_after.tolist()
+        errors = [*zip(self.measured.names, before, after, strict=True)]
+        del errors[self.measured.columns_of(self.poses)]
+        return errors
 
     def calibrated_robot(self) -> ParallelRobot:
         """Return the robot with the calibrated geometry."""
@@ -116,11 +136,11 @@ class Calibration(ReadOnlyArrays):
     def to_dict(self) -> Document:
         """Return all numbers, for JSON."""
         parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
-        errors = zip(self.measured.names, self.error_before, self.error_after, strict=True)
         keys = ("noise", "degrees_of_freedom", "outliers", "outlier_rows", "instants", "steps", "seconds")
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.combinations, "rank", "gap"),
+            "poses": self.poses,
             "parameters": {
                 name: {"value": value, "standard_deviation": deviation}
                 for name, value, deviation in parameters
@@ -131,8 +151,7 @@ class Calibration(ReadOnlyArrays):
                 "standard_deviations": dict(zip(self.geometry.names, self.further.deviations, strict=True)),
             },
             "errors_held_out": {
-                name: {"before": before, "after": after}
-                for name, before, after in list(errors)[self.robot.n_a :]  # without the motors
+                name: {"before": before, "after": after} for name, before, after in self.errors_held_out()
             },
             **select_fields(self, *keys),
         }
@@ -182,7 +201,7 @@ def calibrate(
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     _refuse_mistaken_columns(geometry, data, noises)
-    q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
+    q, source = _solve_poses(geometry, measured, _solve_at_motors)  # (T, nq)
     geometry = place_fixtures(geometry, measured, q)
     prior = geometry.prior(length_error, angle_error)  # (p,) standard deviations
 
@@ -200,7 +219,7 @@ def calibrate(
     outliers = np.flatnonzero(~is_test)[fit.weights**2 < 0.5].tolist()
     # predict the other instants with the file's parameters, and with the fitted ones
     test = measured.select_instants(is_test)
-    predict_error = partial(_prediction_error, geometry, test, q[is_test])
+    predict_error = partial(_prediction_error, geometry, test, _Poses(q[is_test], source))
     return Calibration(
         robot=robot,
         geometry=geometry,
@@ -210,6 +229,7 @@ def calibrate(
         combinations=combinations,
         unseen=_describe_unseen(geometry, training, training_q, equations, combinations),
         further=_choose_further_poses(geometry, training, prior, fit),
+        poses=source,
         error_before=predict_error(np.zeros_like(prior)),
         error_after=predict_error(fit.values),
         noise=fit.noise,
@@ -222,18 +242,75 @@ def calibrate(
     )
 
 
-def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
-    """Solve the forward kinematics q (T, nq) at the measured motor angles.
+class _Poses(NamedTuple):
+    """Assembled poses by the file's geometry, and the measurements that they meet."""
+
+    q: Array  # (T, nq)
+    source: str  # motors or platform
+
+
+def _solve_poses(
+    geometry: Geometry, measured: Measurements, solve: Callable[[ParallelRobot, Array], Array]
+) -> _Poses:
+    """Solve the poses at the measured motor angles, or where these do not lead, of the measured platform.
+
+    Beyond a Type 2 singularity, where assembly modes meet, motors lead to another pose than the measured one
+    or to none. A platform that is measured whole does determine the pose, in the reference's working mode.
+
+    Args:
+        solve: `_solve_at_motors`, or that with a memory.
+
+    Raises:
+        NotAssembled: the loops do not close at some motor angles, and the platform does not help.
+    """
+    model = geometry.model
+    has_platform = len(measured.axes) == model.n
+    try:
+        q = solve(model, measured.values[:, measured.columns_of("motors")])
+    except NotAssembled:
+        by_platform = _solve_at_platform(geometry, measured) if has_platform else None
+        if by_platform is None:
+            raise
+        return _Poses(by_platform, "platform")
+    if has_platform:
+        x = measured.values[:, measured.columns_of("platform")]
+        offset = model.platform.residual(frames_at(model, q), x) / model.platform_scale
+        if np.abs(offset).max() > MAX_MOTOR_MISFIT:
+            by_platform = _solve_at_platform(geometry, measured)
+            if by_platform is not None:
+                return _Poses(by_platform, "platform")
+    return _Poses(q, "motors")
+
+
+def _solve_at_motors(model: ParallelRobot, motors: Array) -> Array:
+    """Solve the forward kinematics q (T, nq) at motor joints (T, n_a).
 
     Raises:
         NotAssembled: the loops do not close at some of them.
     """
-    motors = measured.values[:, : model.n_a]
     for rows in (motors[:1], motors):  # columns in a wrong unit are refused at the first instant
         stack = forward_kinematics_stack(model, rows)
         for refusal in stack.refused.values():
             raise refusal  # of the first refused instant
     return stack.q
+
+
+def _solve_at_platform(geometry: Geometry, measured: Measurements) -> Array | None:
+    """Solve the poses q (T, nq) of the measured platform; None out of reach, or where motors contradict."""
+    robot, model = geometry.robot, geometry.model
+    try:
+        robot_q = [assemble(robot, x).q for x in measured.values[:, measured.columns_of("platform")]]
+    except (NoAnswer, InvalidInput):
+        return None
+    # the model has the robot's joints, in the same order between those of its parameters
+    motion = difference(robot, robot.reference.q, np.array(robot_q))[:, robot.joints]
+    start = np.tile(model.reference.q, (len(motion), 1))
+    q = integrate_columns(model, start, model.joints, motion)
+    offset = measured.values[:, measured.columns_of("motors")] - model.actuated_coordinates(q)
+    if motor_distances(robot, offset).max() > MAX_MOTOR_MISFIT:
+        return None
+    turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
+    return integrate_columns(model, q, model.actuated, turns)
 
 
 def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[str, float]) -> None:
@@ -242,16 +319,19 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
     Changes are those of `refuse_mistaken_columns`, such as another sign or unit.
     """
     max_instants = 24  # each change needs the poses at all of them
-    n_a = geometry.model.n_a
     poses: dict[bytes, Array] = {}  # (T, nq) by the motors' positions, which most changes leave as they are
+
+    def solve(model: ParallelRobot, motors: Array) -> Array:
+        """Solve the poses at motor joints (T, n_a) that have not been solved yet."""
+        key = motors.tobytes()
+        if key not in poses:
+            poses[key] = _solve_at_motors(model, motors)
+        return poses[key]
 
     def misfit(recording: Recording) -> float:
         """Compute the mean squared offset of measurements from the model, over their squared spread."""
-        measured = select_measurements(geometry, recording, noise)  # values (T, m), the motors' n_a first
-        motors = measured.values[:, :n_a].tobytes()
-        if motors not in poses:
-            poses[motors] = _solve_poses(geometry.model, measured)
-        q = poses[motors]
+        measured = select_measurements(geometry, recording, noise)  # values (T, m)
+        q, source = _solve_poses(geometry, measured, solve)
         placed = place_fixtures(geometry, measured, q)
         unchanged = np.zeros(len(placed.names))  # the parameters are those of the file
         offset, *_ = measurement_offsets(
@@ -260,8 +340,9 @@ def _refuse_mistaken_columns(geometry: Geometry, data: Recording, noise: dict[st
         spread = measured.values.std(axis=0)  # (m,)
         is_touch = [name.startswith(TOUCH) for name in measured.names]
         spread[is_touch] = geometry.robot.length  # in place of their own, as touches are about zero
-        offset_square = np.mean((offset / measured.noise)[:, n_a:] ** 2)
-        spread_square = np.mean((spread / measured.noise)[n_a:] ** 2)
+        counted = np.delete(np.arange(len(spread)), measured.columns_of(source))  # not those that poses meet
+        offset_square = np.mean((offset / measured.noise)[:, counted] ** 2)
+        spread_square = np.mean((spread / measured.noise)[counted] ** 2)
         return float(offset_square / spread_square)
 
     some = data.rows(slice(None, None, max(1, len(data) // max_instants)))
@@ -293,28 +374,34 @@ def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float
         )
 
 
-def _prediction_error(geometry: Geometry, measured: Measurements, q: Array, values: Array) -> Array:
-    """Compute root mean square errors (m,) [rad, m] of measurements predicted from motor angles.
+def _prediction_error(geometry: Geometry, measured: Measurements, poses: _Poses, values: Array) -> Array:
+    """Compute root mean square errors (m,) [rad, m] of measurements predicted from those of the source.
 
-    The motors of q (T, nq) are moved to their measured angles, and the parameters to `values` (p,). Then the
+    Motors or platform are moved to their measured positions, and the parameters to `values` (p,). Then the
     loops are closed.
 
     Raises:
         NotConverged: the loops do not close.
     """
     model = geometry.with_lengths(values)
-    motor_steps = measured.values[:, : model.n_a] - model.actuated_coordinates(q)
-    start = _move_poses(model, q, model.actuated, motor_steps, geometry.dimensions(values))
-    poses = close_at_motors(model, start, np.zeros((len(q), model.model.nv)), start)
-    if not poses.closed.all():
-        worst = np.argmin(poses.closed)
+    leading = measured.values[:, measured.columns_of(poses.source)]  # (T, n_a) or (T, n)
+    dimensions = geometry.dimensions(values)
+    if poses.source == "motors":
+        steps = leading - model.actuated_coordinates(poses.q)
+        start = _move_poses(model, poses.q, model.actuated, steps, dimensions)
+        closed = close_at_motors(model, start, np.zeros((len(start), model.model.nv)), start)
+    else:
+        start = _move_poses(model, poses.q, model.actuated[:0], np.zeros((len(poses.q), 0)), dimensions)
+        closed = close_each(model, leading, start)
+    if not closed.closed.all():
+        worst = np.argmin(closed.closed)
         raise NotConverged(
             f"at pose {worst + 1} of those held out the loops do not close at the measured "
-            f"motor angles; these data are of another robot, or the file is too far off",
+            f"{poses.source}; these data are of another robot, or the file is too far off",
             name=model.name,
-            residual=float(poses.linearised.gap[worst]),
+            residual=float(closed.linearised.gap[worst]),
         )
-    frames = poses.linearised.frames
+    frames = closed.linearised.frames
     offset, *_ = measurement_offsets(geometry, model, measured, frames, values)  # (T, m)
     return np.sqrt(np.mean(offset**2, axis=0))
 

@@ -306,6 +306,12 @@ class Measurements(ReadOnlyArrays):
     axes: IntArray  # indices of the measured platform coordinates
     positions: IntArray  # base axes (0, 1, 2) of the measured positions
 
+    def columns_of(self, source: str) -> slice:
+        """Return the columns of the `motors`, or of the coordinates of the `platform`."""
+        joints = len(self.columns)
+        motors = sum(name.startswith("motor_angle_") for name in self.names)
+        return slice(motors) if source == "motors" else slice(joints, joints + len(self.axes))
+
     def select_instants(self, instants: BoolArray) -> Measurements:
         """Return the measurements at the instants in a mask (T,)."""
         return replace(self, values=self.values[instants])

@@ -202,7 +202,7 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
         def misfit(q: Array) -> float:
             """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
             offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
-            return float(_motor_distances(robot, offset).max())
+            return float(motor_distances(robot, offset).max())
 
         q = robot.reference.q
         with suppress(NoAnswer):
@@ -434,12 +434,12 @@ def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Ar
         InvalidInput: the offset is too large to be a small error of the file.
     """
     offset = robot.actuated_coordinates(motion.q) - q_a  # (T, n_a) [rad, m]
-    distance = _motor_distances(robot, offset)
+    distance = motor_distances(robot, offset)
     k, motor = np.unravel_index(distance.argmax(), distance.shape)  # instant and motor of the largest one
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         zero = float(np.mean(offset[:, motor]))
-        rest = _motor_distances(robot, offset - zero)[:, motor].max()
+        rest = motor_distances(robot, offset - zero)[:, motor].max()
         advice = "look at zero, sign and gear ratio, or at the assembly mode of the robot file"
         if rest < 0.1 * largest:
             reading = -zero * float(robot.gear_ratio[motor])
@@ -454,7 +454,7 @@ def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Ar
     return largest
 
 
-def _motor_distances(robot: ParallelRobot, offset: Array) -> Array:
+def motor_distances(robot: ParallelRobot, offset: Array) -> Array:
     """Return sizes (..., n_a) of offsets of the motors' joints: radians up to whole turns, robot lengths."""
     turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
     return np.abs(offset - turns) / robot.column_scale[robot.actuated]

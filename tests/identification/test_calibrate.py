@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NotConverged, ParallelRobot, forward_kinematics
+from framework import InvalidInput, Line, NoAnswer, NotConverged, ParallelRobot, assemble, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
-from framework.identification.calibrate import NOISE, _prediction_error
+from framework.identification.calibrate import NOISE, _Poses, _prediction_error
 from framework.identification.geometry import parametrise_geometry, select_measurements
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
@@ -85,10 +85,33 @@ def test_loops_that_do_not_close_at_poses_held_out_are_refused():
     measured = select_measurements(geometry, only(poses(nominal, nominal, 8, 0), *MEASURED), NOISE)
     start = forward_kinematics_stack(geometry.model, measured.values[:, :2]).q
     values = np.zeros(len(geometry.names))
-    assert _prediction_error(geometry, measured, start, values).max() < 3 * TRACKER
+    assert _prediction_error(geometry, measured, _Poses(start, "motors"), values).max() < 3 * TRACKER
     values[geometry.names.index("right_rod_tip.x")] = 1.0
     with pytest.raises(NotConverged, match="loops do not close"):
-        _prediction_error(geometry, measured, start, values)
+        _prediction_error(geometry, measured, _Poses(start, "motors"), values)
+
+
+def test_poses_on_both_sides_of_type_2_calibrate_where_the_platform_is_measured():
+    """The motors lead to the other side's poses by no way; without the whole platform they are refused."""
+    nominal = NOMINAL["five_bar"]
+    true = off_by(nominal, 3)[2]
+    random = np.random.default_rng(3)
+    x = Line([0.1, 0.345], [-0.05, 0.195])(np.linspace(0.0, 1.0, 32)) + 0.02 * random.uniform(-1, 1, (32, 2))
+    angles = true.actuated_coordinates(np.array([assemble(true, each).q for each in x])) * true.gear_ratio
+    x += TRACKER * random.standard_normal(x.shape)
+    names = ("motor_angle_left_motor", "motor_angle_right_motor", "platform_x", "platform_y")
+    data = Recording("both_sides", names, np.column_stack([angles, x]))
+    found = calibrate(nominal, data)
+    assert found.poses == "platform"
+    assert 0.5 < found.noise < 1.6
+    assert [name for name, *_ in found.errors_held_out()] == list(names[:2])
+    assert (found.error_after[:2] < 2 * TRACKER / 0.25).all()  # the tracker's noise, seen from the cranks
+    assert found.error_before[:2].max() > 5e-3
+    back = found.calibrated_robot()
+    motors = [robot.actuated_coordinates(assemble(robot, [-0.02, 0.21]).q[None]) for robot in (true, back)]
+    np.testing.assert_allclose(motors[0], motors[1], rtol=0, atol=1e-3)
+    with pytest.raises(NoAnswer):
+        calibrate(nominal, only(data, "motor_angle", "platform_x"))
 
 
 def test_an_error_of_one_rod_is_found_and_named():
