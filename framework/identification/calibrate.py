@@ -298,18 +298,22 @@ def _solve_at_motors(model: ParallelRobot, motors: Array) -> Array:
 def _solve_at_platform(geometry: Geometry, measured: Measurements) -> Array | None:
     """Solve the poses q (T, nq) of the measured platform; None out of reach, or where motors contradict."""
     robot, model = geometry.robot, geometry.model
-    try:
-        robot_q = [assemble(robot, x).q for x in measured.values[:, measured.columns_of("platform")]]
-    except (NoAnswer, InvalidInput):
-        return None
+    motors = measured.values[:, measured.columns_of("motors")]  # (T, n_a)
+    robot_q = []
+    for x, q_a in zip(measured.values[:, measured.columns_of("platform")], motors, strict=True):
+        try:
+            robot_q.append(assemble(robot, x).q)
+        except (NoAnswer, InvalidInput):
+            return None
+        offset = q_a - robot.actuated_coordinates(robot_q[-1][None])
+        if motor_distances(robot, offset).max() > MAX_MOTOR_MISFIT:
+            return None
     # the model has the robot's joints, in the same order between those of its parameters
     motion = difference(robot, robot.reference.q, np.array(robot_q))[:, robot.joints]
     start = np.tile(model.reference.q, (len(motion), 1))
     q = integrate_columns(model, start, model.joints, motion)
-    offset = measured.values[:, measured.columns_of("motors")] - model.actuated_coordinates(q)
-    if motor_distances(robot, offset).max() > MAX_MOTOR_MISFIT:
-        return None
-    turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
+    turns = whole_turns(motors - model.actuated_coordinates(q))
+    turns[:, robot.sliding[robot.actuated]] = 0.0
     return integrate_columns(model, q, model.actuated, turns)
 
 
