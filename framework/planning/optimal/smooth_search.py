@@ -361,7 +361,7 @@ class SmoothSearch(NamedTuple):
         direction = z_quick - z_slow
         lowest = LIFTED_SHARE * z_quick
         is_low = z_slow < lowest if not np.isfinite(slow.duration) else z_slow <= 0.0
-        share = float(((lowest - z_slow) / direction)[is_low].max(initial=0.0))
+        share = float(((lowest - z_slow)[is_low] / direction[is_low]).max(initial=0.0))
         for _ in range(MAX_BLEND_STEPS):
             z = z_slow + share * direction
             durations = weights[required] @ z**-0.5
