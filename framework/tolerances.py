@@ -744,7 +744,7 @@ number is a choice: a deviation of 5 % of the peak at the limit counts as one th
 """
 
 TRIAL_RUNS = 20
-"""Wrong robots of which all must pass, before sensors or a margin are named.
+"""Wrong robots of which all must pass before sensors or a margin are named; else see MAX_TRIAL_FAILURES.
 
 If all of n robots pass, more than 0.05^(1/n) of all robots pass with a confidence of 95 %: 86 % for 20. Twice
 as many would show 93 %, at twice the time.
