@@ -506,3 +506,5 @@ def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
     assert (
         "the plan itself exceeds the limits: left_motor 0.1471 of 0.1, right_motor" in bound.splitlines()[0]
     )
+    assert "2 of 2 failed runs of feedforward met the torque limits, of which the plan takes" in bound
+    assert "failed runs" not in lifted
