@@ -159,6 +159,15 @@ def test_on_its_plan_a_controller_asks_for_the_torque_of_the_period_in_which_it_
         np.testing.assert_allclose(controller.torque(k, on_plan)[0], ref.period_torque[acts], atol=1e-12)
 
 
+def test_errors_that_a_controller_does_not_know_are_predicted_as_those_that_its_filter_does_not_estimate():
+    ref = reference("five_bar", "C", "rigid", 1e-2)
+    wrong, loop = Spread(payload=0.3, friction=0.05), ControlLoop()
+    narrow = tuned_controller("lqg", ref, loop=loop, spread=Spread(friction=0.05))
+    wide = tuned_controller("lqg", ref, loop=loop, spread=wrong, tuning=Tuning(estimates=("friction",)))
+    ours, other = (predict("lqg", each, loop, wrong) for each in (narrow, wide))
+    np.testing.assert_allclose([ours.platform, ours.torque], [other.platform, other.torque], rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted():
     """Scene C with wrong payload, springs and friction, 1 ms late, torques of 1.2 times the peak."""
