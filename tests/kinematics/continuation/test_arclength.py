@@ -24,17 +24,24 @@ TURNING = [column for column in range(ROBOT.nv) if column != SLIDE]
 UNIT = ROBOT.column_scale[SLIDE]  # [m] for 1 of y
 
 
-def graphs(g, slope, turns=0.0, count=1):
-    """Curves s = g(y, k) of the slide, numbered k, while another joint turns by `turns` in all."""
+def graphs(g, slope, turns=0.0, count=1, lean=0.0, error=0.0):
+    """Curves s = g(y, k) of the slide, numbered k, while another joint turns by `turns` in all.
+
+    A third joint is at lean y^2. The slopes are computed with a relative error.
+    """
     turn = np.zeros((count, ROBOT.nv))
     turn[:, TURNING[0]] = turns
+    lean = np.broadcast_to(lean, count)
 
     def evaluate(q, share, rows):
-        y = q[:, SLIDE] / UNIT
-        slopes = np.stack([slope(y, rows), -np.ones(len(y))], axis=1)
-        return CurveEquations((g(y, rows) - share)[:, None], slopes[:, None])
+        y, z, w = q[:, SLIDE] / UNIT, q[:, TURNING[1]], lean[rows]
+        slopes = np.zeros((len(y), 2, 3))
+        slopes[:, 0, 0], slopes[:, 0, 2] = slope(y, rows), -1.0
+        slopes[:, 1, 0], slopes[:, 1, 1] = -2.0 * w * y, 1.0
+        values = np.stack([g(y, rows) - share, z - w * y**2], axis=1)
+        return CurveEquations(values, (1.0 - error) * slopes)
 
-    return Curves(ROBOT, np.array([SLIDE]), turn, evaluate)
+    return Curves(ROBOT, np.array([SLIDE, TURNING[1]]), turn, evaluate)
 
 
 class Way(NamedTuple):
@@ -50,7 +57,7 @@ def all_go_on(ends):
     return np.ones(len(ends.rows), dtype=bool), np.ones(len(ends.rows), dtype=bool)
 
 
-def follow(curves, longest=0.3, accept=all_go_on):
+def follow(curves, longest=0.3, accept=all_go_on, **options):
     count = len(curves.turn)
     q, share = np.zeros((count, ROBOT.model.nq)), np.zeros(count)
     steps = []
@@ -60,7 +67,7 @@ def follow(curves, longest=0.3, accept=all_go_on):
         return accept(ends)
 
     first = curves.evaluate(q, share, np.arange(count))
-    ends = curves.follow(q, share, first, longest=np.full(count, longest), accept=note)
+    ends = curves.follow(q, share, first, longest=np.full(count, longest), accept=note, **options)
     return Way(ends.q[:, SLIDE] / UNIT, ends.share, ends.reason, steps)
 
 
@@ -147,23 +154,27 @@ def bent_slope(y, k):
     return np.choose(k, [0.02 + 2.94 * y**2, 0.02 + 2.94 * (1.0 - y) ** 2, 1.0])
 
 
+LEANS = np.array([0.4, 0.4, 0.0])
+
+
 @pytest.mark.parametrize("turns", [0.0, 0.7, 2.5])
 def test_curves_arrive_by_steps_of_the_allowed_length_along_unit_tangents(turns):
-    way = follow(graphs(bent, bent_slope, turns, 3))
+    way = follow(graphs(bent, bent_slope, turns, 3, LEANS))
     np.testing.assert_allclose(way.y, 1.0, atol=1e-9)
     assert (way.reason == CurveReason.ARRIVED).all()
     assert (way.share == 1.0).all()
     last = {}
     for ends in way.steps:
-        y, slope = ends.points.q[:, SLIDE] / UNIT, bent_slope(ends.points.q[:, SLIDE] / UNIT, ends.rows)
-        np.testing.assert_allclose(ends.points.share, bent(y, ends.rows), atol=1e-9)
+        y, rows = ends.points.q[:, SLIDE] / UNIT, ends.rows
+        slope, lean = bent_slope(y, rows), 2.0 * LEANS[rows] * y
+        np.testing.assert_allclose(ends.points.share, bent(y, rows), atol=1e-9)
         np.testing.assert_allclose(ends.points.q[:, TURNING[0]], turns * ends.points.share, atol=1e-9)
-        # of unit length in all joints, and along (1, g')
-        along = np.stack([np.ones(len(y)), slope], axis=1)
-        unit = along / np.hypot(1.0, turns * slope)[:, None]
+        # of unit length in all joints, and along (1, 2 lean y, g')
+        along = np.stack([np.ones(len(y)), lean, slope], axis=1)
+        unit = along / np.linalg.norm([np.ones(len(y)), lean, turns * slope], axis=0)[:, None]
         np.testing.assert_allclose(ends.tangent, unit, atol=1e-6)
         assert (ends.size <= 0.3 + 1e-12).all()
-        for row, size, point in zip(ends.rows.tolist(), ends.size, ends.points.share, strict=True):
+        for row, size, point in zip(rows.tolist(), ends.size, ends.points.share, strict=True):
             before, start = last.get(row, (0.3, 0.0))
             assert size <= 2.0 * before + 1e-12
             assert point > start if start < 1.0 else point < start  # back where it has passed the end
@@ -173,12 +184,33 @@ def test_curves_arrive_by_steps_of_the_allowed_length_along_unit_tangents(turns)
     assert sum(map(len, straight)) == int(np.ceil(max(1.0, turns) / 0.3))
 
 
+@pytest.mark.parametrize(("to_rounding", "most"), [(False, 1e-9), (True, 1e-11)])
+def test_points_on_the_way_are_corrected_once_more_where_asked(to_rounding, most):
+    # slopes that are too small by 1 %: each correction leaves a hundredth of the error
+    curves = graphs(lambda y, _: 0.7 * y + 0.3 * y**2, lambda y, _: 0.7 + 0.6 * y, 0.7, error=0.01)
+    way = follow(curves, to_rounding=to_rounding)
+    y = np.concatenate([ends.points.q[:, SLIDE] for ends in way.steps]) / UNIT
+    share = np.concatenate([ends.points.share for ends in way.steps])
+    left = np.abs(0.7 * y + 0.3 * y**2 - share)[share < 1.0]
+    assert len(left) > 2
+    assert (left.max() > 1e-11) != to_rounding
+    assert left.max() < most
+
+
+def test_a_parabola_that_does_not_turn_takes_one_step():
+    """The gain in s is the mean slope times the length, that of the correction to the end included."""
+    way = follow(graphs(lambda y, _: 0.8 * y + 0.2 * y**2, lambda y, _: 0.8 + 0.4 * y), longest=2.0)
+    assert way.reason.tolist() == [CurveReason.ARRIVED]
+    np.testing.assert_allclose([ends.size[0] for ends in way.steps], [1.0 / 0.8])
+    assert way.y[0] == pytest.approx(1.0)
+
+
 def test_without_any_motion_the_share_alone_grows():
     curves = graphs(lambda y, k: y, lambda y, k: 1.0 + 0.0 * y)
 
     def rest(q, share, rows):
-        slopes = np.tile([[[1.0, 0.0]]], (len(q), 1, 1))
-        return CurveEquations(q[:, [SLIDE]] / UNIT, slopes)
+        slopes = np.tile(np.eye(2, 3), (len(q), 1, 1))
+        return CurveEquations(np.stack([q[:, SLIDE] / UNIT, q[:, TURNING[1]]], axis=1), slopes)
 
     way = follow(Curves(ROBOT, curves.columns, curves.turn, rest))
     assert way.reason.tolist() == [CurveReason.ARRIVED]
@@ -234,6 +266,17 @@ def test_the_end_of_a_branch_is_bracketed_and_a_region_is_left_at_once():
     left = follow(line(), accept=partial(ends_at, 0.37, region=True))
     assert left.reason.tolist() == [CurveReason.LEFT]
     assert left.y[0] == pytest.approx(0.6)
+    # what is refused is halved, what is accepted doubles the next step
+    step = 0.3
+    for ends in lost.steps:
+        assert ends.size[0] == pytest.approx(step)
+        step = min(2.0 * step, 0.3) if ends.points.share[0] < 0.37 else 0.5 * step
+    # a place beyond s = 1 does not count, since the curve comes back
+    curve = partial(graphs, lambda y, k: 0.1 * y + 0.9 * y**5, lambda y, k: 0.1 + 4.5 * y**4)
+    assert any((ends.points.share > 1.0).any() for ends in follow(curve()).steps)
+    assert follow(curve(), accept=partial(ends_at, 1.0 + 1e-9, region=True)).reason.tolist() == [
+        CurveReason.ARRIVED
+    ]
     # no equations behind a place: not a fold
     torn = graphs(lambda y, k: np.where(y < 0.37, y, np.nan), lambda y, k: 1.0 + 0.0 * y)
     stalled = follow(torn)
