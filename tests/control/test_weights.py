@@ -10,12 +10,12 @@ from framework.control.deviation import Plant
 from framework.control.regulators import Weights, regulator_gains, tune_filter
 from framework.control.sensors import IMU_NOISE, LEAST_NOISE, PLATFORM_NOISE, LoopSensors
 
-K, N_A, N, M = 4, 2, 1, 2  # periods, motors, coordinates of the platform, pairs of states
+K, N_A, N, M = 4, 2, 2, 3  # periods, motors, coordinates of the platform, pairs of states
 STATES = 2 * M + 1  # with one disturbance
 WEIGHTS = Weights(
     position=2e-3, speed=3e-2, torque=0.4, acceleration=0.05, motor_torque=0.07, correlation=0.03
 )
-PERIOD, LENGTH, SCALE = 2e-3, 0.8, np.array([0.5])
+PERIOD, LENGTH, SCALE = 2e-3, 0.8, np.array([0.5, 1.0])
 
 
 def draw(seed: int):
@@ -36,7 +36,7 @@ def draw(seed: int):
         coordinates=SimpleNamespace(positions=lambda q: q),
         elastic=np.array([2, 3]),
         actuated=np.array([0, 1]),
-        column_scale=np.array([1.0, LENGTH, 1.0, LENGTH, 1.0]),
+        column_scale=np.array([1.0, LENGTH, 1.0, LENGTH, LENGTH]),
     )
     plan = SimpleNamespace(
         robot=robot,
@@ -52,9 +52,9 @@ def test_gains_are_the_least_cost_of_the_rest_of_the_motion():
     """Against least squares for all torques to come: deviations and torques over those of equal cost."""
     _, model, plan = draw(1)
     gain = regulator_gains(plan, model, WEIGHTS)
-    cost = np.zeros((2, STATES))
-    cost[0, 0] = 1.0 / (2e-3 * 0.5)
-    cost[1, M] = 1.0 / (3e-2 * 0.5)
+    cost = np.zeros((4, STATES))
+    cost[[0, 1], [0, 1]] = 1.0 / (2e-3 * SCALE)
+    cost[[2, 3], [M, M + 1]] = 1.0 / (3e-2 * SCALE)
     per_torque = np.diag(1.0 / (0.4 * np.abs(plan.torque).max(axis=0)))
     for first in range(K):
         # z_k (STATES, STATES + torques) of the state at `first` and of the torques from there on
@@ -70,13 +70,16 @@ def test_gains_are_the_least_cost_of_the_rest_of_the_motion():
         np.testing.assert_allclose(-gain[first], torques[:N_A], rtol=1e-7, atol=1e-9 * np.abs(torques).max())
 
 
-def test_a_motor_that_is_idle_in_the_plan_costs_as_its_neighbours_rounding():
+def test_a_motor_that_is_idle_in_the_plan_stays_so_in_any_unit_of_torques():
     _, model, plan = draw(2)
     plan.torque[:, 1] = 0.0
     gain = regulator_gains(plan, model, WEIGHTS)
-    assert np.isfinite(gain).all()
-    alone = SimpleNamespace(**vars(model) | {"G": model.G[:, :, :1]})
+    small = SimpleNamespace(**vars(model) | {"G": 1e-3 * model.G})
+    plan.torque *= 1e3
+    np.testing.assert_allclose(regulator_gains(plan, small, WEIGHTS), 1e3 * gain, rtol=1e-6)
+    plan.torque *= 1e-3
     plan.torque = plan.torque[:, :1]
+    alone = SimpleNamespace(**vars(model) | {"G": model.G[:, :, :1]})
     np.testing.assert_allclose(gain[:, :1], regulator_gains(plan, alone, WEIGHTS), rtol=1e-6)
     assert np.abs(gain[:, 1]).max() < 1e-6 * np.abs(gain[:, 0]).max()
 
@@ -94,10 +97,10 @@ def test_the_filter_is_the_conditional_mean_of_its_model(noise, seen):
     rng, model, plan = draw(3)
     sensors = sensors_with(**{"platform": False, "imu": False, "state": False} | seen)
     # noise of steps and of readings; of joints behind springs also their deflection
-    scale = np.array([1.0, LENGTH, 1.0])
+    scale = np.array([1.0, LENGTH, LENGTH])
     deviation = [np.hypot(np.array([1e-3, 2e-3, 0.0]) / 12**0.5, max(noise, LEAST_NOISE) * scale)]
     deflected = np.abs(plan.motion.q[:, [2, 3]] / [1.0, LENGTH]).max()
-    trust = [np.array([0.0, 0.0, deflected])]
+    trust = [np.array([0.0, 0.0, deflected * LENGTH])]
     if sensors.platform:
         deviation.append(max(noise, PLATFORM_NOISE) * SCALE)
         trust.append(np.zeros(N))
