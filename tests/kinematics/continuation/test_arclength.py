@@ -205,6 +205,14 @@ def test_a_parabola_that_does_not_turn_takes_one_step():
     assert way.y[0] == pytest.approx(1.0)
 
 
+def test_a_step_is_as_short_as_a_quarter_of_it_corrects():
+    """Of any joint: the third one is 2 y^2 off the tangent, and 2 h^2 is a quarter of a step h at 1 / 8."""
+    way = follow(graphs(lambda y, _: y, lambda y, _: 1.0 + 0.0 * y, lean=2.0))
+    first = next(ends.size[0] for ends in way.steps if len(ends.rows))
+    assert first == pytest.approx(0.3 / 4)
+    assert way.y[0] == pytest.approx(1.0)
+
+
 def test_without_any_motion_the_share_alone_grows():
     curves = graphs(lambda y, k: y, lambda y, k: 1.0 + 0.0 * y)
 
