@@ -24,10 +24,10 @@ TURNING = [column for column in range(ROBOT.nv) if column != SLIDE]
 UNIT = ROBOT.column_scale[SLIDE]  # [m] for 1 of y
 
 
-def graphs(g, slope, turns=0.0, count=1, lean=0.0, error=0.0):
+def graphs(g, slope, turns=0.0, count=1, lean=0.0, power=2, error=0.0):
     """Curves s = g(y, k) of the slide, numbered k, while another joint turns by `turns` in all.
 
-    A third joint is at lean y^2. The slopes are computed with a relative error.
+    A third joint is at lean y^power. The slopes are computed with a relative error.
     """
     turn = np.zeros((count, ROBOT.nv))
     turn[:, TURNING[0]] = turns
@@ -37,8 +37,8 @@ def graphs(g, slope, turns=0.0, count=1, lean=0.0, error=0.0):
         y, z, w = q[:, SLIDE] / UNIT, q[:, TURNING[1]], lean[rows]
         slopes = np.zeros((len(y), 2, 3))
         slopes[:, 0, 0], slopes[:, 0, 2] = slope(y, rows), -1.0
-        slopes[:, 1, 0], slopes[:, 1, 1] = -2.0 * w * y, 1.0
-        values = np.stack([g(y, rows) - share, z - w * y**2], axis=1)
+        slopes[:, 1, 0], slopes[:, 1, 1] = -power * w * y ** (power - 1), 1.0
+        values = np.stack([g(y, rows) - share, z - w * y**power], axis=1)
         return CurveEquations(values, (1.0 - error) * slopes)
 
     return Curves(ROBOT, np.array([SLIDE, TURNING[1]]), turn, evaluate)
@@ -211,6 +211,27 @@ def test_a_step_is_as_short_as_a_quarter_of_it_corrects():
     first = next(ends.size[0] for ends in way.steps if len(ends.rows))
     assert first == pytest.approx(0.3 / 4)
     assert way.y[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("off", "is_straight"), [(0.0, True), (0.05, True), (0.15, False)])
+def test_a_step_is_straight_where_its_tangent_turns_little(off, is_straight):
+    """By y^8 the tangent turns eight times the correction; five times and a quarter of the step may be."""
+    h = 0.2
+    way = follow(graphs(lambda y, _: y, lambda y, _: 1 + 0 * y, lean=off * h / h**8, power=8), longest=h)
+    assert way.steps[0].size == pytest.approx([h])
+    assert way.steps[0].is_straight.tolist() == [is_straight]
+
+
+def test_the_length_is_that_of_all_joints_in_their_units():
+    """Of tangents (y, s) whose s moves a slide in metres, over the length of the robot."""
+    rng = np.random.default_rng(6)
+    turn, tangent = np.zeros((4, ROBOT.nv)), rng.normal(size=(4, 3))
+    turn[:, SLIDE] = UNIT * rng.normal(size=4)
+    turn[3], tangent[3] = 0.0, [0.0, 0.0, 1.0]  # without any motion the length is that in s
+    unit = Curves(ROBOT, np.array(TURNING), turn, None)._scale_tangents(tangent, np.arange(4))
+    by_slide = turn[:, SLIDE] / UNIT + np.array([0.0, 0.0, 0.0, 1.0])
+    lengths = np.linalg.norm([tangent[:, 0], tangent[:, 1], by_slide * tangent[:, 2]], axis=0)
+    np.testing.assert_allclose(unit, tangent / lengths[:, None], rtol=1e-12)
 
 
 def test_without_any_motion_the_share_alone_grows():
