@@ -1,4 +1,4 @@
-"""The equations of motor curves by differences, and what is noted on the way against a walk in small steps."""
+"""The equations of motor curves by differences, and what is noted on the way against small steps."""
 
 import numpy as np
 import pytest
@@ -73,14 +73,13 @@ def test_clearances_on_the_way_are_those_of_small_steps(name):
 def test_loops_close_with_the_motors_where_they_are_told(name):
     robot = robots.load(name)
     start, motions = robot.reference.q, motors_turned(robot, 4, 0.05)
-    rates = rates_closing_loops(robot, linearised_at(robot, start[None].repeat(4, axis=0)), motions)
+    starts = start[None].repeat(4, axis=0)
+    rates = rates_closing_loops(robot, linearised_at(robot, starts), motions)
     np.testing.assert_allclose(rates[:, robot.actuated], motions[:, robot.actuated], atol=0)
-    closed = close_at_motors(
-        robot, start, motions, integrate(robot, start[None].repeat(4, axis=0), 0.9 * rates)
-    )
+    closed = close_at_motors(robot, start, motions, integrate(robot, starts, 0.9 * rates))
     assert closed.closed.all()
     turned = robot.actuated_coordinates(closed.q) - robot.actuated_coordinates(start[None])
     np.testing.assert_allclose(turned, motions[:, robot.actuated], atol=1e-14)
     # rates are the first order of the way there
-    ahead = close_at_motors(robot, start, 1e-6 * motions, start[None].repeat(4, axis=0)).q
+    ahead = close_at_motors(robot, start, 1e-6 * motions, starts).q
     np.testing.assert_allclose((ahead - start) / 1e-6, rates, atol=1e-4 * np.abs(rates).max())
