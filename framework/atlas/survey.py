@@ -19,6 +19,7 @@ from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 EDGE_POSES, MAX_EDGE_POSES = 200, 4000  # poses along an edge of a map: usual and largest number
+GridPoses = tuple[Array, ReasonArray]  # configurations (I, J, nq); why they are not reached (I, J)
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
 
 
@@ -134,21 +135,19 @@ def survey_window(
         shape=grid_shape(columns, survey_edge_poses),
         constants=point,
     )
-    survey, poses = outermost, seed_poses(robot, outermost, stride=1)
-    window = _reached_window(robot, survey, poses, outermost, keep_limits)
+    survey = outermost
+    window, poses = _reached_window(robot, survey, outermost, keep_limits)
     is_larger = True
     while is_larger and survey.shape[0] < max_survey_edge_poses:
         known = window
         survey = replace(survey, shape=grid_shape(columns, 2 * survey.shape[0] - 1))
-        poses = seed_poses(robot, survey, stride=1, coarser=poses)
-        window = _reached_window(robot, survey, poses, outermost, keep_limits)
+        window, poses = _reached_window(robot, survey, outermost, keep_limits, coarser=poses)
         is_larger = bool(np.any(window.lower < known.lower) or np.any(window.upper > known.upper))
     if np.any(window.upper - window.lower < survey.upper - survey.lower):
         # no longer cells than those that reached the poses
         edge_poses = int(np.ceil(((window.upper - window.lower) / survey.cell).max())) + 1
         fine = replace(window, shape=grid_shape(columns, max(edge_poses, survey_edge_poses)))
-        poses = seed_poses(robot, fine, stride=1)
-        window = _reached_window(robot, fine, poses, outermost, keep_limits)
+        window, _ = _reached_window(robot, fine, outermost, keep_limits)
     if only_turns and window.upper[0] - window.lower[0] > 2 * np.pi:
         window = replace(window, lower=middle - np.pi, upper=middle + np.pi)
     return replace(window, shape=grid_shape(columns, size))
@@ -157,20 +156,21 @@ def survey_window(
 def _reached_window(
     robot: ParallelRobot,
     survey: Window,
-    poses: tuple[Array, ReasonArray],
     outermost: Window,
     keep_limits: bool,
-) -> Window:
-    """Return the window about the reached poses of a survey, with a margin.
+    coarser: GridPoses | None = None,
+) -> tuple[Window, GridPoses]:
+    """Return the window about the reached poses of a survey, with a margin; return also all poses.
 
     Args:
         survey: the window of the survey.
-        poses: all poses of the survey, q (I, J, nq) and reasons (I, J).
         outermost: the window to which the result is cut.
         keep_limits: whether to count only poses within the ranges of all joints, if there are any.
+        coarser: every second pose of the survey.
     """
     # [cells] beyond the outermost reached poses, for poses that the survey leaves out
     margin_cells = 2.0
+    poses = seed_poses(robot, survey, stride=1, coarser=coarser)
     q, reason = poses
     reached = reason == PoseReason.REACHED
     # a joint's share beyond its range is above 0 outside of the range
@@ -182,16 +182,12 @@ def _reached_window(
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin
     cut_lower = np.maximum(lower, outermost.lower)
     cut_upper = np.minimum(upper, outermost.upper)
-    return replace(survey, lower=cut_lower, upper=cut_upper)
+    return replace(survey, lower=cut_lower, upper=cut_upper), poses
 
 
 def seed_poses(
-    robot: ParallelRobot,
-    window: Window,
-    stride: int,
-    *,
-    coarser: tuple[Array, ReasonArray] | None = None,
-) -> tuple[Array, ReasonArray]:
+    robot: ParallelRobot, window: Window, stride: int, *, coarser: GridPoses | None = None
+) -> GridPoses:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
     The reason of a pose is REACHED, or why it is not reached. All other poses are NaN, with the reason
@@ -202,7 +198,7 @@ def seed_poses(
     Args:
         stride: distance between computed poses [rows or columns]; above 1 only if `stride` cells in a row are
             no longer than MAX_NEIGHBOUR_DISTANCE, so that no cell is subdivided.
-        coarser: configurations and reasons of every second pose; those reached are not computed again.
+        coarser: every second pose of the window; those reached are not computed again.
 
     Raises:
         InvalidInput: the window is too wide.
@@ -222,18 +218,16 @@ def seed_poses(
     q = np.full((rows, columns, robot.model.nq), np.nan)
     reason = np.full((rows, columns), PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
 
-    if coarser is not None:
-        other_q, other_reason = coarser
-        lattice = np.s_[:: 2 * subdivisions, :: 2 * subdivisions if window.shape[1] > 1 else 1]
-        q[lattice] = other_q
-        reason[lattice][other_reason == PoseReason.REACHED] = PoseReason.REACHED
-
     # the coarse poses, from those nearest to the reference
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     nearest = np.argsort(distance, axis=None, kind="stable")[:first_pose_tries]  # flat indices
     candidates = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
     if coarser is None:
         _assemble_seeds(robot, x, q, reason, candidates, enough=1)
+    else:
+        every_second = np.s_[:: 2 * subdivisions, :: 2 * subdivisions]
+        q[every_second], coarser_reason = coarser
+        reason[every_second][coarser_reason == PoseReason.REACHED] = PoseReason.REACHED
     fill_grid(robot, x, q, reason, [stride])
     # beside Type 1 no neighbour may be within a step, but another candidate within reach of the reference
     if _assemble_seeds(robot, x, q, reason, candidates, enough=first_pose_tries):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,12 +131,9 @@ def _fill_lattice(
             return
         # step from all neighbours at once
         opposite_i, opposite_j = (2 * np.argwhere(is_target).T - (i, j))[:, between]
-        opposites = select(states, numbers[opposite_i, opposite_j])
-        ends = _continue_states(
-            *(robot, select(states, numbers[i, j]), x[i, j], x[is_target], parts),
-            between=between,
-            opposites=opposites,
-        )
+        opposites = between, select(states, numbers[opposite_i, opposite_j])
+        starts = select(states, numbers[i, j])
+        ends = _continue_states(robot, starts, x[i, j], x[is_target], parts, opposites)
         reached = ends.reason == PoseReason.REACHED
         assign(states, numbers[is_target][reached], select(ends.states, reached))
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
@@ -183,13 +180,18 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 
 
 def _continue_states(
-    robot: ParallelRobot, states: ModeStates, start: Array, end: Array, parts: int, **opposites: Any
+    robot: ParallelRobot,
+    states: ModeStates,
+    start: Array,
+    end: Array,
+    parts: int,
+    opposites: tuple[IntArray, ModeStates] | None = None,
 ) -> StepEnds:
-    """Continue T configurations from `start` to `end` (T, n), as `step_poses`.
+    """Continue T configurations from `start` to `end` (T, n), as `step_poses` and with its `parts`.
 
     The `opposites` of `_step_once` are for the undivided steps.
     """
-    ends = _step_once(robot, states, start, end, **opposites)
+    ends = _step_once(robot, states, start, end, opposites)
     untrusted = np.flatnonzero(ends.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(untrusted):
         return ends
@@ -214,9 +216,7 @@ def _step_once(
     states: ModeStates,
     start: Array,
     end: Array,
-    *,
-    between: IntArray | None = None,
-    opposites: ModeStates | None = None,
+    opposites: tuple[IntArray, ModeStates] | None = None,
 ) -> StepEnds:
     """Continue T configurations from `start` to `end` (T, n) in one step.
 
@@ -224,8 +224,7 @@ def _step_once(
     OTHER_MODE, or OPEN if the loops do not close.
 
     Args:
-        between: (k,) steps whose ends lie halfway between their starts and the `opposites`.
-        opposites: states of these k poses.
+        opposites: steps (k,) whose ends lie halfway between their starts and other poses; states of these.
     """
     newton_steps = 10  # largest number that corrects a prediction
     # predict
@@ -237,14 +236,17 @@ def _step_once(
     prediction = states.joint_rates(robot, start_twist)  # (T, nv) step along the tangent, springs at rest
     predicted = integrate(robot, states.q, prediction)
 
-    # between two poses the cubic polynomial through both, along their tangents, is nearer than the tangent
+    # Between two poses at -h and h the cubic polynomial along both tangents, (q(h) + q(-h)) / 2
+    # + h (q'(-h) - q'(h)) / 4, is wrong by h^4. Balls turn along the chord first: then their turns, which do
+    # not commute, are wrong by no lower power.
     guess = predicted.copy()
-    if between is not None and opposites is not None and len(between):
+    if opposites is not None and len(opposites[0]):
+        between, others = opposites
         half_step = end[between] - start[between]
         opposite_twist, _ = robot.platform.twist(end[between] + half_step, half_step)
-        half = 0.5 * difference(robot, states.q[between], opposites.q)  # (k, nv) along the chord
-        bend = 0.25 * (prediction[between] - opposites.joint_rates(robot, opposite_twist))
-        middle = integrate(robot, integrate(robot, states.q[between], half), bend)  # balls: symmetric
+        half = 0.5 * difference(robot, states.q[between], others.q)  # (k, nv) along the chord
+        bend = 0.25 * (prediction[between] - others.joint_rates(robot, opposite_twist))
+        middle = integrate(robot, integrate(robot, states.q[between], half), bend)
         offset = largest_motion(robot, difference(robot, predicted[between], middle))
         is_near = is_small(offset, largest_motion(robot, prediction[between]))  # both on one branch
         guess[between[is_near]] = middle[is_near]

@@ -192,7 +192,10 @@ def _range_ends(
     columns = robot.platform.columns if isinstance(robot.platform, JointPlatform) else ()
     limited = [by_column.get(int(column)) for column in columns]
     if not limited or any(limit is None for limit in limited):
-        raise InvalidInput(f"{robot.name}: the platform's coordinates have no limits; give lower and upper")
+        raise InvalidInput(
+            f"{robot.name}: the platform's coordinates ({', '.join(robot.axis_names)}) have no limits of "
+            f"their own; give lower and upper, {robot.n} numbers each"
+        )
     low, high = (np.array([getattr(limit, end) for limit in limited]) for end in ("lower", "upper"))
     return low, high
 

@@ -22,6 +22,7 @@ from framework.laws.path import Line, Path
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
+from framework.model.robot_file import unused_parameters
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
@@ -98,7 +99,17 @@ def load_mechanism(options: Namespace) -> Mechanism:
             f"{mechanism.name} has no springs of its own for --flexibility {flexibility}: taken as "
             f"{mechanism.flexibility}"
         )
+    warn_of_unused(options, mechanism)
     return mechanism
+
+
+def warn_of_unused(options: Namespace, mechanism: Mechanism) -> None:
+    """Warn of parameters of the robot file whose values change nothing."""
+    options.warnings += [
+        f"{mechanism.name}: the parameter {name} is used nowhere; write ${{{name}}} where it counts, in the "
+        f"robot file or its URDF"
+        for name in unused_parameters(mechanism.description)
+    ]
 
 
 def parse_file(options: Namespace, *, propose: Propose) -> ParsedRobot:
@@ -272,8 +283,14 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
 
 def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
     """Return the rows of motion.csv by --samples or --rate, and --columns."""
+    period = row_period(options, plan)
+    return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)
+
+
+def row_period(options: Namespace, plan: CrossingPlan) -> float | None:
+    """Return the time [s] between rows by --rate; None for --samples rows."""
     if options.rate is None:
-        return plan.samples(options.samples or DEFAULT_ROWS, columns=options.columns)
+        return None
     if options.samples is not None:
         raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
             {"samples": None}
@@ -283,7 +300,7 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
         raise InvalidInput(
             f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
         )
-    return plan.samples(period=1.0 / options.rate, columns=options.columns)
+    return 1.0 / options.rate
 
 
 def refuse_options(options: Namespace, keys: Iterable[str], reason: str) -> None:

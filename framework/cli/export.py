@@ -54,7 +54,7 @@ FORMATS_OF = {  # formats that take an option; all formats take the others
     "scene": ("ros2_control", "csv", "lesson", "controller"),
     "samples": ("ros2_control", "csv"),
     "side": ("ros2_control",),
-    "rate": ("csv",),
+    "rate": ("ros2_control", "csv"),
     "at": ("csv",),
     "columns": ("csv",),
     "hinges": ("mjcf",),
@@ -187,7 +187,12 @@ def _model_file(options: Namespace, file: FilePath) -> Export:
 def _plan_of(options: Namespace) -> CrossingPlan:
     """Return the plan of a folder, or plan --scene."""
     if not (is_plan_folder(options.robot) or options.scene):
-        raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
+        robot = arguments.load(options)  # refuses what is no robot either
+        scenes = list(robot.description.scenes)
+        listed = f"of {robot.name}: {', '.join(scenes)}" if scenes else f"{robot.name} has none"
+        raise InvalidInput(
+            f"give --scene ({listed}), or the folder that `crossing plan --out` wrote, to be exported"
+        ).advising({"scene": scenes[0]} if scenes else None)
     return arguments.load_or_plan(options)
 
 
@@ -209,7 +214,8 @@ def _trajectory_file(options: Namespace, file: FilePath) -> Export:
     """Return a motion as a joint trajectory, in YAML or JSON."""
     plan = _plan_of(options)
     side = options.side or SIDE
-    message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
+    period = arguments.row_period(options, plan)
+    message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, period=period, side=side)
     sentence = describe_side(plan, side)
     if file.suffix == ".json":
         text = json.dumps(message, indent=2) + "\n"

@@ -36,7 +36,7 @@ from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, flip_legs, is_flip, with_platform_joints
-from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
+from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, sample_times
 from framework.planning.options import MOTION
 from framework.planning.plan import law_before_proof, max_torque_ratio
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
@@ -131,6 +131,8 @@ def run_plan(options: Namespace) -> Report:
     options.warnings += remarks_on_bodies(robot)
     _check_options(options, level)
     arguments.check_columns(options, robot)
+    if options.at is not None and request.duration is not None:
+        sample_times(request.duration, DEFAULT_ROWS, at=options.at)  # before the plan, which takes time
     if options.raw:
         with arguments.written_out(options, "raw.json") as folder:
             return report_raw(options, robot, request, folder)
@@ -367,7 +369,7 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
     uncounted_limits = ["required times"] * bool(best.specification.times)
     uncounted_limits += ["torque-speed curves and RMS torques"] * (best.specification.drives is not None)
     uncounted = f"; {' and '.join(uncounted_limits)} are not counted" if uncounted_limits else ""
-    return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more{uncounted}")]
+    return [Fact("bound", f"no law {least}, this one {100 * over:z.1f} % more{uncounted}")]
 
 
 def plan_lines(plan: CrossingPlan) -> list[str]:

@@ -42,6 +42,7 @@ from framework.control.study import (
 from framework.control.variations import Spread
 from framework.errors import FrameworkError, InvalidInput, NoAnswer
 from framework.model.documents import prefix_errors
+from framework.numerics.arrays import Array
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text, select_fields
@@ -72,6 +73,10 @@ FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 PREDICTED = "  predicted         standard deviation of the platform under lqg, in robot lengths or rad: {}"
 LEAST = "  least sensors     {}; studied with {}"
+AT_LIMITS = (
+    "  at the limits     {} of {} failed runs of {} met the torque limits, of which the plan takes {:.3g} %{}"
+)
+LEAVE_MORE = "; `crossing plan --robust` looks for the margin that lqg needs"
 TRIED = "  tried             lqg on robots beside those of the study: {}"
 WARNING = (
     "{0.controller} with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad and "
@@ -85,7 +90,7 @@ SOME_DIVERGE = (
 NO_SENSORS = (
     "no sensors keep the predicted standard deviation of the platform within the tolerance {:.4g}: {}"
 )
-NO_TRIAL = "no sensors pass in all trial runs: {}"
+NO_TRIAL = "no sensors pass in trial runs: {}"
 SWEPT = 6  # values of a sweep
 STORED_RUNS = 25  # in a stored chunk, at most: an interrupted study loses no more of them
 MAX_RUNS = 1_000_000
@@ -239,7 +244,7 @@ def run_robustness(options: Namespace) -> Report:
         trials = setup.try_sensors(predictions)
         if not trials:
             raise NoAnswer(NO_SENSORS.format(setup.loop.tolerance, _list_predictions(predictions)))
-        if trials[-1].passed < trials[-1].runs:
+        if not trials[-1].is_enough:
             raise NoAnswer(NO_TRIAL.format(_list_trials(trials)))
         setup = setup.with_sensors(trials[-1].sensors)
     controllers = {name: setup.controller(name) for name in _controller_names(options)}
@@ -349,10 +354,12 @@ def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None)
     return {
         "robot": robot.name,
         "exceeded": exceeded,
+        "share_of_limits": max(peaks[joint] / limit for joint, limit in limits.items()),
+        "has_limits": bool(np.isfinite(setup.reference.torque_limit).any()),
         "length": robot.length,
         "runs": len(studies[0].passed),
         **setup.to_dict(folder),
-        "studies": [_describe_study(study) for study in studies],
+        "studies": [_describe_study(study, np.array(setup.loop.limit)) for study in studies],
     }
 
 
@@ -384,13 +391,14 @@ def _run_studies(
     return studies
 
 
-def _describe_study(study: Study) -> Document:
-    """Return a study as a document: probability, quantiles of errors, and failed runs."""
+def _describe_study(study: Study, limit: Array) -> Document:  # limit (n_a,) [N m, N]
+    """Return a study as a document: probability, quantiles of errors, failed runs, also at the limits."""
     return {
         **select_fields(study, "controller", "probability", "interval"),
         "tracking_error": _compute_quantiles(study.tracking_error),
         "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
+        "failed_at_limits": int((~study.passed & (study.peak_torque >= limit).any(axis=1)).sum()),
         "failures": [_describe_failure(study, number, (seed, number)) for seed, number in study.failures],
         "seconds": study.seconds,
     }
@@ -431,6 +439,10 @@ def _format_studies(document: Document) -> list[str]:
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]
         if len(failures) > 3:
             lines.append(MORE_FAILED.format(len(failures) - 3))
+        if met := study["failed_at_limits"]:
+            taken = 100 * document["share_of_limits"]
+            remedy = LEAVE_MORE if document["has_limits"] else ""
+            lines.append(AT_LIMITS.format(met, len(failures), study["controller"], taken, remedy))
     return lines
 
 

@@ -283,6 +283,7 @@ def report_design_study(options: Namespace) -> Report:
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
+    arguments.warn_of_unused(options, robot)
     axis_names = [robot.axis_names[k] for k in map_axes(robot, options.over)]
     count = 2 * len(axis_names)
     window = options.window and tuple(finite_numbers("--window", options.window, count).tolist())

@@ -15,14 +15,7 @@ import numpy as np
 from framework.control.controllers import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.sensors import ControlLoop, LoopSensors, motor_step, sensors_of
-from framework.control.variations import (
-    FRICTION_SMOOTHING,
-    MIN_SPEED,
-    Spread,
-    Variation,
-    apply_variation,
-    draw_noise,
-)
+from framework.control.variations import Spread, Variation, apply_variation, draw_noise
 from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import difference, integrate
@@ -79,7 +72,7 @@ def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
             limits = motor_limits(reference.robot, "torque_limit", loop.limit)
     except InvalidInput as reason:
         raise reason.naming("limit") from None  # as the option of the loop is called
-    return np.where(np.isfinite(limits), limits, 10 * np.abs(reference.torque).max(axis=0))
+    return np.where(np.isfinite(limits), limits, 10 * reference.peak_torque)
 
 
 def torque_range(reference: Reference, loop: ControlLoop) -> tuple[Array, Array]:
@@ -230,7 +223,6 @@ class _VariedRobots(NamedTuple):
     world: WorldForces  # external wrenches
     delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
-    smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
     noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds; None without noise
 
     @staticmethod
@@ -274,15 +266,12 @@ class _VariedRobots(NamedTuple):
         seeds = [variation.seed for variation in variations]
         noise = draw_noise(ref.robot, spread, seeds, len(ref.times))
         shares = np.array([variation.friction for variation in variations])
-        friction = shares * np.abs(ref.torque).max(axis=0)
-        smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
         sensors = sensors_of(ref.robot, loop)
         if read is not None:
             sensors = read._replace(state=sensors.state)
-        return _VariedRobots(
-            *(ref, sensors, motor_step(ref.robot, loop), stepper, start, world, delays, friction),
-            *(smoothing_speed, noise),
-        )
+        friction = shares * ref.peak_torque
+        steps = motor_step(ref.robot, loop)
+        return _VariedRobots(ref, sensors, steps, stepper, start, world, delays, friction, noise)
 
     def platform_motion(self, k: int, q: Array, v: Array) -> PlatformMotion:
         """Compute coordinates of the platforms and their rates at instant k, angles near the planned ones."""
@@ -353,7 +342,7 @@ class _VariedRobots(NamedTuple):
                 q_middle = integrate(ref.robot, q, 0.5 * h * v)
                 world = self.world(ref.robot, np.repeat(middle, len(q)), q_middle, v, models)
             speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
-            friction = self.friction * np.tanh(speed / self.smoothing_speed)  # a smooth sign of the speed
+            friction = self.friction * np.tanh(speed / ref.friction_speed)  # a smooth sign of the speed
             q, v = self.stepper.step(q, v, torque - friction, h, world=world)
         return State(q, v)
 

@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.control.reference import Reference
-from framework.control.variations import FRICTION_SMOOTHING, MIN_SPEED, scale_payload
+from framework.control.variations import scale_payload
 from framework.dynamics.forces import driven_force_changes, tree_forces
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.motion_rates import MotionChanges, coordinate_changes
@@ -372,7 +372,7 @@ def _disturbance_forces(
     robot, motion = reference.robot, reference.motion
     for kind in kinds:
         check_choice("disturbances", kind, DISTURBANCES)
-    peak = np.abs(reference.torque).max(axis=0)  # (n_a,)
+    peak = reference.peak_torque
     names: list[str] = []
     forces: list[Array] = []  # (K, nv, k) that act on the joints
     if "payload" in kinds:
@@ -381,9 +381,8 @@ def _disturbance_forces(
         names.append("payload")
         forces.append(-change[:, :, None] / SMALL_CHANGE)
     if "friction" in kinds:
-        smoothing = FRICTION_SMOOTHING * np.maximum(np.abs(reference.motor_speed).max(axis=0), MIN_SPEED)
         names += [f"friction {name}" for name in robot.actuator_names]
-        forces.append(_motor_forces(robot, -peak * np.tanh(reference.motor_speed / smoothing)))
+        forces.append(_motor_forces(robot, -peak * np.tanh(reference.motor_speed / reference.friction_speed)))
     if "springs" in kinds:
         deflections = robot.coordinates.positions(motion.q)[:, robot.elastic]  # (K, n_e)
         of_springs = np.zeros((len(deflections), robot.nv, robot.n_e))

@@ -35,7 +35,7 @@ from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread
 from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
-from framework.tolerances import FILTER_NOISES, GOOD_EXCESS, LEAST_ROOM, MAX_PREDICTED_SHARE, TORQUE_SHARES
+from framework.tolerances import CAUTIONS, GOOD_EXCESS, LEAST_ROOM, MAX_PREDICTED_SHARE
 
 # sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
@@ -125,11 +125,10 @@ class LinearModels(NamedTuple):
         platform = np.where(platform < MAX_DEVIATION, platform, np.inf)
         count = len(self.within)
         torque = deviation.torque[:count].max(axis=0)  # (K, n_a)
-        planned = np.abs(reference.torque)  # (K, n_a)
-        peak = planned.max(axis=0)
+        peak = reference.peak_torque
         lowest, highest = torque_range(reference, loop)
         limit = np.where(reference.torque < 0.0, -lowest, highest)
-        left = np.maximum(limit - planned, LEAST_ROOM * peak)
+        left = np.maximum(limit - np.abs(reference.torque), LEAST_ROOM * peak)
         is_kept = np.asarray(platform[count:] <= MAX_PREDICTED_SHARE * loop.tolerance)
         return LoopPrediction(
             controller=name,
@@ -162,30 +161,25 @@ class LinearModels(NamedTuple):
         return Feedback(gain, controller.delay, observer), plants
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
-        """Tune lqg for the sensors of the loop by weights with which it is predicted to pass at most ends.
+        """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to do well at all ends.
 
-        The stated weights are taken if they leave enough. Else the noise of the filter's model is chosen at a
-        middle share of torques, and then the share at this noise: a slow loop deviates, a fast one is moved
-        by noise and by vibrations that differ.
+        If none is, take the one of least excess over GOOD_EXCESS, and of these the one that keeps the
+        tolerance at most ends.
         """
         key = repr((loop, self.tuning))
         if key in self.tuned:
             return self.tuned[key]
-        tried: dict[tuple[float, float], tuple[Regulator, LoopPrediction]] = {}  # by noise and share
 
-        def rank(weights: tuple[float, float]) -> tuple[float, float, float]:
-            if weights not in tried:
-                tried[weights] = self._tune(loop, *weights)
-            prediction = tried[weights][1]
-            excess = prediction.excess(loop.tolerance)
-            return max(excess, 1.0), -prediction.ends, excess
+        def rank(tuned: tuple[Regulator, LoopPrediction]) -> tuple[float, float]:
+            return max(tuned[1].excess(loop.tolerance), GOOD_EXCESS), -tuned[1].ends
 
-        best = (1.0, 1.0)
-        if rank(best) > (1.0, -1.0, GOOD_EXCESS):
-            noise, _share = min(((noise, TORQUE_SHARES[0]) for noise in FILTER_NOISES), key=rank)
-            best = min([best, *((noise, share) for share in TORQUE_SHARES)], key=rank)
-        self.tuned[key] = tried[best]
-        return self.tuned[key]
+        best = self._tune(loop, *CAUTIONS[0])
+        for weights in CAUTIONS[1:]:
+            if rank(best) == (GOOD_EXCESS, -1.0):
+                break
+            best = min(best, self._tune(loop, *weights), key=rank)
+        self.tuned[key] = best
+        return best
 
     def _tune(self, loop: ControlLoop, noise: float, torque: float) -> tuple[Regulator, LoopPrediction]:
         """Tune lqg with weights times factors of noise and torque share, and predict its deviations."""

@@ -19,6 +19,8 @@ from framework.planning.result import CrossingPlan
 from framework.tolerances import SAME_PLACE
 
 MAX_SAMPLES = 200_000  # of a planned motion
+FRICTION_SMOOTHING = 0.02  # share of the largest planned motor speed below which friction is smoothed
+MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,16 @@ class Reference(ReadOnlyArrays):
     N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
     law: MotionLaw  # path parameter over time
     wrenches: ExternalWrenches  # external wrenches, as planned
+
+    @cached_property
+    def peak_torque(self) -> Array:
+        """Largest planned torque of each motor (n_a,) [N m, N], motor side."""
+        return np.abs(self.torque).max(axis=0)
+
+    @cached_property
+    def friction_speed(self) -> Array:
+        """Motor speed (n_a,) [rad/s, m/s] below which dry friction is smoothed, as tanh(speed / this)."""
+        return FRICTION_SMOOTHING * np.maximum(np.abs(self.motor_speed).max(axis=0), MIN_SPEED)
 
     @cached_property
     def motor_maps(self) -> Array:

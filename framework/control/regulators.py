@@ -262,8 +262,8 @@ def regulator_gains(reference: Reference, model: LinearModel, weights: Weights) 
     platform = np.arange(n)
     Q[platform, platform] = 1 / (weights.position * scale) ** 2
     Q[m + platform, m + platform] = 1 / (weights.speed * scale) ** 2
-    peak = np.abs(reference.torque).max(axis=0)
-    R = np.diag(1 / (weights.torque * np.maximum(peak, RANK_ROUNDING * peak.max())) ** 2)
+    peak = np.maximum(reference.peak_torque, RANK_ROUNDING * reference.peak_torque.max())
+    R = np.diag(1 / (weights.torque * peak) ** 2)
     return solve_riccati(model.F, model.G, Q, R)
 
 
@@ -313,8 +313,8 @@ def tune_filter(
     largest = gravity + np.abs(reference.ddx).max(axis=0)
     noise = np.zeros((len(C), 2 * m))
     noise[:, m : m + n] = weights.acceleration * largest * persistence
-    peak = np.abs(reference.torque).max(axis=0)
-    noise[:, m + n :] = weights.motor_torque * persistence * (np.abs(model.B[:, m + n : 2 * m]) @ peak)
+    by_torque = np.abs(model.B[:, m + n : 2 * m]) @ reference.peak_torque
+    noise[:, m + n :] = weights.motor_torque * persistence * by_torque
 
     gain = np.empty(C.swapaxes(1, 2).shape)
     P = np.diag(prior**2)

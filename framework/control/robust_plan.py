@@ -3,7 +3,7 @@
 A law at the torque limits leaves nothing to a controller. A margin on the limits leaves it some, and costs
 time or torque. A margin is searched by doubling and bisection: a smaller one may do where a larger one
 fails, and is not found then. A plan counts as robust if lqg is
-predicted to keep the tolerance within the torque limits, and then passes with all TRIAL_RUNS drawn robots.
+predicted to keep the tolerance within the torque limits, and then passes in trials (`SensorTrial.is_enough`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class RobustPlan(NamedTuple):
     plan: CrossingPlan
     margin: float  # share of the limits left to feedback
     prediction: LoopPrediction
-    trial: SensorTrial  # all passed
+    trial: SensorTrial  # which is enough
     unguarded: CrossingPlan  # without margin: what robustness costs
 
 
@@ -70,8 +70,8 @@ def plan_robustly(
         if not prediction.is_within(loop.tolerance):
             reasons.append(PREDICTED.format(prediction))
             return None
-        trial = setup.try_sensors([prediction])[0]
-        if trial.passed < trial.runs:
+        trial = setup.try_sensors([prediction])[-1]
+        if not trial.is_enough:
             reasons.append(TRIED.format(trial))
             return None
         return RobustPlan(plan, margin, prediction, trial, unguarded)

@@ -48,7 +48,7 @@ from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chu
 from framework.numerics.output import Document, package_versions
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import plan_document, plan_from_document, read_document
-from framework.tolerances import TRIAL_RUNS
+from framework.tolerances import MAX_TRIAL_FAILURES, TRIAL_RUNS
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; larger stacks do not make a run cheaper
 
@@ -183,14 +183,13 @@ def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
 
     `motors` is the number of motors, `chunk` has the numbers of the runs.
     """
-    runs = len(chunk)
+    runs = (len(chunk),)
     # types by their numpy kinds: f for floats, b for booleans, U for text
-    numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
-        "passed": ArrayField("b", (runs,)),
-        "why": ArrayField("U", (runs,)),
-        "peak_torque": ArrayField("f", (runs, motors)),
-        **numbers,
+        **dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", runs)),
+        "peak_torque": ArrayField("f", (*runs, motors)),
+        "passed": ArrayField("b", runs),
+        "why": ArrayField("U", runs),
     }
 
 
@@ -216,6 +215,12 @@ class SensorTrial(NamedTuple):
     sensors: str
     passed: int
     runs: int
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether all of TRIAL_RUNS passed, or all but MAX_TRIAL_FAILURES of twice as many."""
+        allowed = 0 if self.runs <= TRIAL_RUNS else MAX_TRIAL_FAILURES
+        return self.passed >= self.runs - allowed
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,22 +298,32 @@ class StudySetup:
         """Try lqg with sensors in turn, until TRIAL_RUNS robots pass.
 
         The first are those of predictions within half of the tolerance, then of those within the tolerance.
+        If all robots pass with none, the sensors with which most do are tried on as many more.
 
-        The robots are not those of the study. Were a single set tried, its passing with all would show with
-        a confidence of 95 % that more than 86 % of all robots pass; of several tried it shows less.
+        The robots are not those of the study. Were a single set tried, its passing would show with a
+        confidence of 95 % that more than 85 % of all robots pass; of several tried it shows less.
 
         Returns:
-            The trials; all robots pass in the last one, if in any.
+            The trials; the last one is enough, if any is.
         """
         trials: list[SensorTrial] = []
+
+        def passes(sensors: str, first: int) -> int:
+            """Count the robots from number `first` that pass."""
+            numbers = range(FIRST_TRIAL + first, FIRST_TRIAL + first + TRIAL_RUNS)
+            return int(self.with_sensors(sensors).run("lqg", *numbers).passed.sum())
+
         tolerance = self.loop.tolerance
         likely = [one for one in predictions if one.is_within(tolerance)]
         possible = [one for one in predictions if one.platform <= tolerance and one not in likely]
         for one in (*likely, *possible):
-            run = self.with_sensors(one.sensors).run("lqg", *range(FIRST_TRIAL, FIRST_TRIAL + TRIAL_RUNS))
-            trials.append(SensorTrial(one.sensors, int(run.passed.sum()), TRIAL_RUNS))
-            if run.passed.all():
-                break
+            trials.append(SensorTrial(one.sensors, passes(one.sensors, 0), TRIAL_RUNS))
+            if trials[-1].is_enough:
+                return trials
+        best = max(trials, key=lambda trial: trial.passed, default=None)
+        if best is not None and best.passed >= TRIAL_RUNS - MAX_TRIAL_FAILURES:
+            passed = best.passed + passes(best.sensors, TRIAL_RUNS)
+            trials.append(SensorTrial(best.sensors, passed, 2 * TRIAL_RUNS))
         return trials
 
     def run(self, controller: str, *numbers: int) -> Run:

@@ -13,9 +13,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.fields import not_negative
 
-FRICTION_SMOOTHING = 0.02  # share of the largest planned motor speed below which friction is smoothed
-MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
-
 
 @dataclass(frozen=True)
 class Spread:

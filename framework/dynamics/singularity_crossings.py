@@ -19,7 +19,7 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
-from framework.kinematics.linearised_loops import linearised_at, type2_matrix
+from framework.kinematics.linearised_loops import linearised_at, passive_motion, type2_matrix
 from framework.kinematics.modes import passive_determinants
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -252,7 +252,8 @@ def deformed_crossing(
     """Find the crossing of the deformed robot, a root of g in time.
 
     Most laws are made for a crossing at the very instant of `at_rest`, with the deflections of the last pass.
-    A secant step then leads to the root with the deflections of the motion.
+    A secant step then leads to the root with the deflections of the motion, and to the wrench there. At the
+    instant itself the wrench would be off by this step times its rate, which is large under a quick law.
 
     Args:
         result: the motion of the deformed robot.
@@ -269,13 +270,19 @@ def deformed_crossing(
 
     (t, aside), motion, r = probes
     P = type2_matrix(robot, motion.linearised)  # (2, n, n)
-    g, beside = solve_bordered(P, Border.of(P[0])).g.tolist()
+    bordered = solve_bordered(P, Border.of(P[0]))
+    g, beside = bordered.g.tolist()
+    change = np.zeros_like(r[0])  # (nv,) of the forces along eta, from the instant of the motion to the root
     if abs(g) > law_root_rounding:
         t, _ = root_of_g(matrices, t, high=result.duration)
         motion = result.motion(t)
         r = tree_forces(robot, motion)
     elif abs(beside) > 100.0 * law_root_rounding:  # else the path touches the locus, the slope is rounding
-        t -= (aside - t) * g / (beside - g)
+        step = g / (g - beside)  # of the secant, over the distance of the two instants
+        t += step * (aside - t)
+        eta = passive_motion(robot, bordered.eta[..., 0])  # (2, nv)
+        power, power_beside = np.sum(r * eta, axis=1)
+        change = step * (power_beside - power) * eta[0] / (eta[0] @ eta[0])
     motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
@@ -292,7 +299,7 @@ def deformed_crossing(
         platform=result.platform(t),
         motion=sign * uncontrolled.motion,
         pose=motion.linearised,
-        wrench=float(r[0] @ uncontrolled.motion) * sign,
+        wrench=float((r[0] + change) @ uncontrolled.motion) * sign,
     )
 
 

@@ -32,7 +32,7 @@ from framework.dynamics.loaded_balance import (
     loop_weights,
     spring_units,
 )
-from framework.dynamics.restoration import FIRST_CELLS, BalanceSolution
+from framework.dynamics.restoration import BalanceSolution
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OnParameter, OptimalLaw
@@ -40,7 +40,9 @@ from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.ordered_sums import factor_transposed, solve
 
-MAX_CELLS_KEPT = 5 * FIRST_CELLS  # from one balance to the next
+# of deflections from one balance to the next: cells that are kept at most, and uniform ones in place of more.
+# Too few cells do not represent the vibrations that hold springs at rest: these seem to move at the ends
+MAX_CELLS_KEPT, RENEWED_CELLS = 240, 192
 
 
 class TorqueResponse(NamedTuple):
@@ -97,7 +99,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
 
 
 def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: Array) -> KnownDeflections:
-    """Return deflections in balance under another law, to first order, on few cells.
+    """Return deflections in balance under another law, to first order.
 
     Cells that were halved for one law would hold its vibrations under the next.
 
@@ -110,7 +112,7 @@ def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: 
     series = (state.series + response.series_slopes @ (y - response.y)) * solution.equations.units
     splines = state.splines
     if len(splines.cells) > MAX_CELLS_KEPT:
-        splines = DeflectionSplines.uniform(splines.panels, FIRST_CELLS, continuity=splines.continuity)
+        splines = DeflectionSplines.uniform(splines.panels, RENEWED_CELLS, continuity=splines.continuity)
         series = splines.fit(state.splines.evaluate(series, splines.nodes.p))
     return KnownDeflections(state.samples.clock, splines, series)
 

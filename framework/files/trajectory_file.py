@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from framework.errors import check_choice, whole_number
+from framework.planning.motion_table import sample_times
 from framework.planning.result import CrossingPlan
 
 FIELDS = ("positions", "velocities", "accelerations", "effort")
@@ -29,21 +30,22 @@ SIDES = {
 
 
 def joint_trajectory(
-    plan: CrossingPlan, *, samples: int = DEFAULT_SAMPLES, side: str = "joint"
+    plan: CrossingPlan, *, samples: int = DEFAULT_SAMPLES, period: float | None = None, side: str = "joint"
 ) -> dict[str, Any]:
     """Return the message of a plan as plain data: header, joint_names, points.
 
-    The `samples` points are equidistant in time. Each has positions [rad, m], velocities, accelerations,
-    effort [N m, N], and `time_from_start` {sec, nanosec}.
+    The `samples` points are equidistant in time, or stand a `period` [s] apart, the last at the end. Each
+    has positions [rad, m], velocities, accelerations, effort [N m, N], and `time_from_start` {sec, nanosec}.
 
     Raises:
-        InvalidInput: samples is no whole number of at least 2, or the side is neither joint nor motor.
+        InvalidInput: samples is no whole number of at least 2, the period is longer than the plan, or the
+            side is neither joint nor motor.
     """
     check_choice("side", side, SIDES)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
-    # positions, velocities, accelerations and effort at equidistant times, each (T, n_a)
+    # positions, velocities, accelerations and effort, each (T, n_a)
     robot = plan.robot
-    times = np.linspace(0.0, plan.duration, samples)
+    times = sample_times(plan.duration, samples, period)
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)
     motion = [plan.motor_angle(times, order) / gear for order in range(3)]
     effort = plan.torque(times) * gear

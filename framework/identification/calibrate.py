@@ -465,8 +465,8 @@ def fit_geometry(
         if np.abs(change / prior).max() < converged:
             return _with_deviations(equations, values, prior, state, steps)
     raise NotConverged(
-        f"calibration does not converge after {steps} steps; the file is too "
-        f"far off for these data, or they are of another robot",
+        f"calibration does not converge after {steps} steps; the file is too far off for these data, they "
+        f"are of another robot, or they pass a Type 2 singularity, behind which motors do not tell the pose",
         name=model.name,
         residual=cost,
     )

@@ -1,7 +1,8 @@
 """The motion of all joints at all samples of a recording: smooth, differentiate, close the loops.
 
-Motor angles or platform coordinates are smoothed by least-squares splines of degree 5 with equal knot spacing
-h, which pass frequencies up to about 1 / 2h. Samples need no equal time steps, and none is lost at the ends.
+Motor angles or platform coordinates are smoothed by least-squares splines of degree 5, with equally many
+samples between two knots. With equal time steps and the spacing h of knots they pass frequencies up to about
+1 / 2h.
 Generalised cross-validation minimises the estimated error of the curve, RSS / (N - 1.4 m)^2 for N samples and
 m coefficients (Gu, "Smoothing Spline ANOVA Models", 2013, section 3.2; the factor 1.4 prevents that
 quantisation, which is no white noise, counts as motion). Derivatives need more coefficients than the curve:
@@ -39,7 +40,7 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.rotations import whole_turns
 from framework.numerics.splines import banded_rows, find_intervals, spline_values
 from framework.proofs.working_modes import working_modes
-from framework.tolerances import MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
+from framework.tolerances import MAX_ACCELERATION_SPREAD, MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
 
 MIN_SAMPLES = 64  # of a recording
 
@@ -54,6 +55,7 @@ class MeasuredMotion:
     motion: Motion
     errors: SplineErrors  # of the signals from which the motion is computed, motors' joints or platform
     sign_known: BoolArray  # (T, n_a) whether the speed of a motor is above its noise
+    acceleration_known: BoolArray  # (T,) not at the ends, nor in a gap of the samples
     torque: Array  # (T, n_a) as recorded, motor side
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors; 0 if poses are from motors
 
@@ -71,16 +73,13 @@ class SplineErrors(NamedTuple):
 
 
 class SmoothedSamples(NamedTuple):
-    """Smoothed samples of k signals with two time derivatives."""
+    """k signals with two time derivatives at S of T samples, smoothed by all."""
 
-    values: Array  # (3, T, k)
+    values: Array  # (3, S, k)
     cutoff: float  # [Hz]
-    rate_error: Array  # (T, k) bounds of the first derivatives' errors
+    rate_error: Array  # (S, k) bounds of the first derivatives' errors
+    acceleration_known: BoolArray  # (S,)
     errors: SplineErrors
-
-    def thin(self, stride: int) -> SmoothedSamples:
-        """Return every `stride`-th sample, with the errors of all."""
-        return self._replace(values=self.values[:, ::stride], rate_error=self.rate_error[::stride])
 
 
 def measured_motion(
@@ -117,7 +116,7 @@ def measured_motion(
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     robot = _begin_at_first_row(robot, data, start or {})
     torque = _read_torques(robot, data)[::stride]
-    joints = smooth(times, _read_motor_joints(robot, data), cutoff).thin(stride)
+    joints = smooth(times, _read_motor_joints(robot, data), cutoff, stride)
 
     # close the loops, from the motors if possible, else from the platform
     source = "motors"
@@ -133,7 +132,7 @@ def measured_motion(
                 raise
     if motion is None:
         source = "platform"
-        x = smooth(times, data.columns("platform", robot.axis_names), cutoff).thin(stride)
+        x = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
         motion = _motion_of_platform(robot, x.values)
         smoothed = x
         misfit = _motor_misfit(robot, data, motion, joints.values[0])
@@ -144,6 +143,7 @@ def measured_motion(
         motion=motion,
         errors=smoothed.errors,
         sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
+        acceleration_known=smoothed.acceleration_known,
         torque=torque,
         motor_misfit=misfit,
     )
@@ -227,8 +227,8 @@ def _pose_modes(robot: ParallelRobot, x: tuple[float, ...]) -> tuple[Array, ...]
 # ------------------------------------------------------------------ smoothing
 
 
-def smooth(times: Array, samples: Array, cutoff: float | None = None) -> SmoothedSamples:
-    """Smooth samples (T, k) at increasing times (T,), and differentiate them twice.
+def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: int = 1) -> SmoothedSamples:
+    """Smooth samples (T, k) at increasing times (T,), and differentiate every `stride`-th one twice.
 
     The number m of spline coefficients is 2 `cutoff` duration or, by default, that of the least generalised
     cross-validation score, multiplied over the signals.
@@ -240,7 +240,7 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
     max_share = 0.3  # of coefficients among the samples
     growth = 1.25  # of the number of coefficients, from one trial to the next
     refinement = 1.6  # coefficients for derivatives, over those for the curve
-    noise_runs = 8  # simulated noise from which that of the rates is estimated
+    noise_runs = 8  # simulated noise from which that of the derivatives is estimated
     duration = times[-1] - times[0]
     most = max(int(max_share * len(times)), min_coefficients)
     if cutoff is None:
@@ -258,13 +258,15 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
         count = round(2.0 * cutoff * duration)
 
     spline = _fit_spline(times, samples, count)
-    values = np.array([spline(times, order) for order in range(3)])
-    # the noise of the samples, and by simulation that of the rates; what smoothing changes of the rates
-    squares = np.sum((samples - values[0]) ** 2, axis=0)
+    shown = times[::stride]  # (S,)
+    values = np.array([spline(shown, order) for order in range(3)])
+    # the noise of the samples, and by simulation that of the derivatives; what smoothing changes of the rates
+    squares = np.sum((samples - spline(times)) ** 2, axis=0)
     noise = np.sqrt(squares / (len(times) - count))  # (k,)
     unit_noise = np.random.default_rng(0).standard_normal((len(times), noise_runs))
-    rate_errors = _fit_spline(times, unit_noise, count)(times, 1)  # (T, noise_runs)
-    rate_spread = noise * np.sqrt(np.mean(rate_errors**2, axis=1, keepdims=True))  # (T, k)
+    noise_spline = _fit_spline(times, unit_noise, count)
+    spreads = [np.sqrt(np.mean(noise_spline(shown, order) ** 2, axis=1)) for order in (1, 2)]  # (S,) each
+    rate_spread = spreads[0][:, None] * noise  # (S, k)
     coarser = _fit_spline(times, samples, max(min_coefficients, int(count / refinement)))
     intervals = find_intervals(spline.t, spline.k, times)  # (T,)
     columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
@@ -275,23 +277,19 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None) -> Smoothe
     return SmoothedSamples(
         values=values,
         cutoff=0.5 * count / duration,
-        rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(times, 1)),
+        rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(shown, 1)),
+        acceleration_known=spreads[1] < MAX_ACCELERATION_SPREAD * np.median(spreads[1]),
         errors=SplineErrors(functions, curvatures, noise),
     )
 
 
 def _fit_spline(times: Array, samples: Array, count: int) -> Any:
-    """Fit a spline of `count` coefficients to samples (T, k) by least squares.
-
-    Knots are equally spaced in time or, where a gap would leave two knots without a sample, in samples.
-    """
+    """Fit a spline of `count` coefficients to samples (T, k), with knots equally spaced in samples."""
     degree = 5
     from scipy.interpolate import make_lsq_spline
 
-    knots = np.linspace(times[0], times[-1], count - degree + 1)
-    if not np.histogram(times, knots)[0].all():
-        samples_before = np.linspace(0, len(times) - 1, len(knots))
-        knots = np.interp(samples_before, np.arange(len(times)), times)
+    samples_before = np.linspace(0, len(times) - 1, count - degree + 1)
+    knots = np.interp(samples_before, np.arange(len(times)), times)
     padded = np.concatenate([[times[0]] * degree, knots, [times[-1]] * degree])
     return make_lsq_spline(times, samples, padded, k=degree)
 

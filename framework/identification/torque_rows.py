@@ -6,8 +6,8 @@ With G' = N' S the equations N' Y theta + constant = G' tau (`base_parameters`) 
 
 where tau is B G' tau if motors are redundant: the part of the torques that moves the robot. Each equation is
 a series in time with the noise of one motor; errors of the accelerations change B N' Y. Not valid are the
-instants near Type 2, where G' loses rank, and those at which the sign of the motor's speed is unknown: there
-dry friction may have any value.
+instants near Type 2, where G' loses rank, those at which the sign of the motor's speed is unknown, where dry
+friction may have any value, and those at the ends and in gaps, where accelerations are noise.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ def torque_rows(
         least.append(singular_values(unit_G / robot.gear_ratio)[:, -1])
     clearances = np.concatenate(least)  # (T,) distances from Type 2
     sign_known = measured.sign_known
+    usable = measured.acceleration_known & (clearances > MIN_NOISE_RATIO * clearances.max())  # (T,)
     if robot.n_a > robot.n:  # the friction of one motor is in the equations of all
         sign_known = np.repeat(sign_known.all(axis=1, keepdims=True), robot.n_a, axis=1)
     return TorqueRows(
@@ -77,7 +78,7 @@ def torque_rows(
         response=np.concatenate(responses or [np.empty(0)]),
         constant=np.concatenate(constants),
         torque=np.concatenate(torques),
-        valid=sign_known & (clearances > MIN_NOISE_RATIO * clearances.max())[:, None],
+        valid=sign_known & usable[:, None],
         independent=robot.n / robot.n_a,
         errors=measured.errors,
     )

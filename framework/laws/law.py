@@ -65,7 +65,7 @@ class MotionLaw(Protocol):
     """Any object with a `duration` [s] and a call `law(t, order)`.
 
     The call returns the path coordinate s in [0, 1], or its time derivative of this order, with the shape
-    (T,) of t.
+    (T,) of t. Torques need it smooth between the knots of the path: no jumps of s", as a trapezoid has.
     """
 
     @property

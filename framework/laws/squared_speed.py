@@ -39,7 +39,7 @@ from framework.numerics.chebyshev import (
 )
 from framework.numerics.sparse_rows import SparseRows
 from framework.numerics.splines import find_intervals, spline_values
-from framework.tolerances import SAME_PLACE, SLOWNESS_ROUNDING
+from framework.tolerances import SLOWNESS_ROUNDING
 
 if TYPE_CHECKING:
     from framework.numerics.cone_program import Affine
@@ -285,34 +285,6 @@ class SpeedSpace(NamedTuple):
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
         return float(self._linearise_instants(y, AT_END).times[0])
-
-    def blend(
-        self,
-        quick: Array,
-        slow: Array,
-        duration: float,
-        *,
-        max_steps: int = 60,  # of Newton's method, which converges from any distance on the slow side
-    ) -> Array:
-        """Blend the coefficients (size,) of a quick and of a slow law to a duration [s] in between.
-
-        The blend is y = slow + share (quick - slow). Its duration is a convex function of the share. So
-        Newton's method from share = 0 approaches the solution from the slow side, and the share stays in
-        [0, 1]. The result is right up to rounding of the duration; `adjust` may improve it.
-        """
-        y = slow
-        direction = quick - slow
-        share = 0.0
-        edges = None  # of the panels of the last blend
-        for _ in range(max_steps):
-            linear = self._linearise_instants(y, AT_END, edges)
-            edges = linear.edges
-            excess = float(linear.times[0]) - duration
-            if excess <= SAME_PLACE * duration:
-                break
-            share -= excess / float(linear.slopes[0] @ direction)
-            y = slow + share * direction
-        return y
 
     def adjust(
         self,

@@ -5,6 +5,7 @@ Every error names the file and the key, the value found there, and the valid val
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from xml.etree.ElementTree import tostring
 from framework.errors import RobotFileError, check_unique
 from framework.model.description import JointDynamics, LineSpring, RobotDescription, Spring, lock_couplings
 from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
-from framework.model.parameters import fill_parameters, fill_placeholders
+from framework.model.parameters import PLACEHOLDER, fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
 from framework.model.robot_keys import TREE, RobotReader
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, urdf_root, virtual_link_name
@@ -44,6 +45,18 @@ def read_robot_file(file: str | Path, given: Mapping[str, float] | None = None) 
     with prefix_errors(path):
         text, parameters = fill_parameters(text, given)
         return parse_robot(path, parse_yaml(text), parameters).description
+
+
+def unused_parameters(description: RobotDescription) -> list[str]:
+    """Return the parameters of a robot file that neither it nor its URDF uses."""
+    if not description.parameters:
+        return []
+    file = description.file
+    text = read_text(file, f"{file}: cannot read the robot file", error=RobotFileError)
+    urdf = locate_urdf(file.parent, parse_yaml(PLACEHOLDER.sub("0", text))["urdf"])
+    text += read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)
+    used = {word for expression in PLACEHOLDER.findall(text) for word in re.findall(r"\w+", expression)}
+    return [name for name in description.parameters if name not in used]
 
 
 def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> ParsedRobot:

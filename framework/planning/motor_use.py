@@ -97,7 +97,8 @@ def _list_uses(
     uses = []
     for k in np.flatnonzero(np.isfinite(allowed)).tolist():
         size, largest = float(sizes[k]), float(allowed[k])
-        use = MotorUse(robot.actuator_names[k], limit, size / largest, size, largest, units[k])
+        ratio = size / largest if largest > 0.0 else np.inf  # a curve leaves nothing beyond its no-load speed
+        use = MotorUse(robot.actuator_names[k], limit, ratio, size, largest, units[k])
         if instants is not None:
             use = use._replace(time=float(instants[0, k]), s=float(instants[1, k]))
         uses.append(use)

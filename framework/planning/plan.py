@@ -157,8 +157,9 @@ def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
     Raises:
         NoAnswer: the refusal of the optimal law, if no polynomial replaces it.
     """
+    has = "a goal" if request.optimize is not None else "a duration of its own"
     try:
-        return _plan_optimal(to_cross, request, "only the optimal law has a goal")
+        return _plan_optimal(to_cross, request, f"only the optimal law has {has}")
     except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
         with limit_time(None):  # the time limit is for the search of the optimal law alone
             plan = _find_polynomial_instead(to_cross, request, refusal)

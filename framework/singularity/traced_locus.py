@@ -29,7 +29,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_determinants, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
-from framework.numerics.fields import integer, positive
+from framework.numerics.fields import positive, whole
 from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
@@ -134,7 +134,7 @@ def trace_locus(
         InvalidInput: see `LocusEquations.of`; or q is not an assembled configuration.
     """
     positive("reach", reach)
-    positive("starts", integer("starts", starts))
+    whole("starts", starts)  # none where `near` suffices
     closed = assembled_at(robot, q)
     equations = LocusEquations.of(robot, closed.q[0], closed.x[0], free)
     mode = leg_signs(robot, closed.linearised)[0] if one_mode else None

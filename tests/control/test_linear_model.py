@@ -33,6 +33,7 @@ from framework.control.variations import apply_variation
 from framework.dynamics.forward_dynamics import forward_derivatives
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
+from framework.tolerances import GOOD_EXCESS
 
 WRONG = Spread(payload=0.1, stiffness=0.2, friction=0.05)
 LOOP = ControlLoop(delay=1e-3, counts=8192, link_counts=2**18)
@@ -213,7 +214,8 @@ def test_weights_are_chosen_for_springs_at_the_ends_of_their_spread():
     chosen, prediction = wide.tune_lqg(loop)
     assert wide.predict("lqg", chosen, loop) == prediction
     assert prediction.ends > wide.predict("lqg", narrow, loop).ends
-    assert prediction.ends >= wide._tune(loop, 1.0, 1.0)[1].ends
+    stated = wide._tune(loop, 1.0, 1.0)[1]
+    assert prediction.excess(loop.tolerance) <= max(stated.excess(loop.tolerance), GOOD_EXCESS)
 
 
 def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():

@@ -4,6 +4,7 @@ import csv
 import json
 from functools import cache
 from statistics import NormalDist
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.control import (
     ControlLoop,
+    LoopPrediction,
     Spread,
+    StudySetup,
     Variation,
     draw,
     load_study,
@@ -24,7 +27,7 @@ from framework.control import (
 )
 from framework.control import study as study_module
 from framework.control.controllers import FeedforwardPD
-from framework.control.study import run_chunk
+from framework.control.study import FIRST_TRIAL, run_chunk
 from framework.control.variations import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
@@ -128,6 +131,34 @@ def test_the_interval_is_wilsons():
     assert low < high
     for end in (low, high):
         assert (share - end) ** 2 == pytest.approx(z**2 * end * (1.0 - end) / 7, abs=1e-12)
+
+
+def predicted(sensors, platform):
+    return LoopPrediction(controller="lqg", sensors=sensors, platform=platform, torque=0.1, load=0.1)
+
+
+@pytest.mark.parametrize(
+    ("failed", "trials"),
+    [
+        ({"motors": {3}}, [("motors", 19, 20), ("links", 20, 20)]),  # the next one passes with all
+        ({"motors": {3, 30}, "links": {1, 2}}, [("motors", 19, 20), ("links", 18, 20), ("motors", 38, 40)]),
+        ({"motors": {3, 4, 5}, "links": {1, 2, 9}}, [("motors", 17, 20), ("links", 17, 20)]),
+    ],
+)
+def test_sensors_are_tried_in_turn_and_the_best_on_as_many_robots_more(monkeypatch, failed, trials):
+    """Those that may pass within the whole tolerance come last; none of the robots is one of the study."""
+
+    def run(setup, name, *numbers):
+        assert min(numbers) >= FIRST_TRIAL
+        lost = failed.get(setup.loop.sensors, ())
+        return SimpleNamespace(passed=np.array([k - FIRST_TRIAL not in lost for k in numbers]))
+
+    monkeypatch.setattr(StudySetup, "run", run)
+    setup = StudySetup(None, 1e-3, ControlLoop(tolerance=2.5e-3), Spread(), 0)
+    given = [predicted("links", 2e-3), predicted("motors", 1e-3), predicted("elbows", 3e-3)]
+    made = setup.try_sensors(given)
+    assert [tuple(trial) for trial in made] == trials
+    assert made[-1].is_enough == (made[-1].passed in (20, 38))
 
 
 def test_torques_stay_within_the_limit():
@@ -475,3 +506,5 @@ def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
     assert (
         "the plan itself exceeds the limits: left_motor 0.1471 of 0.1, right_motor" in bound.splitlines()[0]
     )
+    assert "2 of 2 failed runs of feedforward met the torque limits, of which the plan takes" in bound
+    assert "failed runs" not in lifted

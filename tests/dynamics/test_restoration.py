@@ -12,9 +12,13 @@ from scipy.sparse import csr_array
 import robots
 from framework import CrossingPlan, plan_crossing, plan_scene
 from framework.dynamics.balance_equations import BalanceEquations, LinearBalance
+from framework.dynamics.forces import tree_forces
 from framework.dynamics.restoration import deflections_of
+from framework.dynamics.singularity_crossings import deformed_crossing, probe_instants
+from framework.kinematics.linearised_loops import type2_matrix
 from framework.kinematics.motion_rates import motor_speeds
 from framework.laws.optimal_law import OnParameter
+from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import MAX_END_RATE
 from tests.dynamics.upright_robots import drawn, is_right, judged
@@ -125,3 +129,24 @@ def test_steps_leave_the_least_of_what_must_rest_among_those_that_change_the_bal
     remaining = linear.rest @ y + at_rest
     np.testing.assert_allclose(linear.vibrations.T @ linear.rest.T @ remaining, 0.0, atol=1e-8)
     np.testing.assert_allclose(linear._change_balance(y) + F, 0.0, atol=1e-6)
+
+
+def test_a_secant_step_to_a_crossing_leads_to_the_wrench_there_too():
+    """However far from the root of g an instant is within rounding, the wrench is that at the root."""
+    plan = planned("light five-bar", STIFF)
+    crossing = plan.crossings[0]
+
+    def found_from(t):
+        """The crossing found from an instant, with the wrench at this instant and g at the two probes."""
+        times = np.array(probe_instants(t, plan.duration))
+        motion = plan.dynamics.motion(times)
+        forces = tree_forces(plan.robot, motion)
+        matrices = type2_matrix(plan.robot, motion.linearised)
+        g = solve_bordered(matrices, Border.of(matrices[0])).g
+        found = deformed_crossing(plan.dynamics, crossing, (times, motion, forces))
+        return found.wrench, forces[0] @ crossing.motion, (g[1] - g[0]) / (times[1] - times[0])
+
+    _, at_root, slope = found_from(crossing.time)
+    for g in (-8e-13, 8e-13):  # `deformed_crossing` takes a secant step below 1e-12
+        wrench, at_instant, _ = found_from(crossing.time + g / slope)
+        assert abs(wrench - at_root) <= 0.05 * abs(at_instant - at_root)

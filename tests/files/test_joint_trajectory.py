@@ -86,6 +86,14 @@ def test_samples_that_cannot_be(plan, samples):
         joint_trajectory(plan, samples=samples)
 
 
+def test_points_stand_a_period_apart_and_the_last_at_the_end(plan):
+    message = joint_trajectory(plan, period=0.4)
+    np.testing.assert_allclose(seconds(message), [0.0, 0.4, 0.8, 1.2, 1.5], rtol=0, atol=1e-9)
+    assert message["points"][-1] == joint_trajectory(plan, samples=2)["points"][-1]
+    with pytest.raises(InvalidInput, match="period"):
+        joint_trajectory(plan, period=1.6)
+
+
 @pytest.mark.usefixtures("quick_figures")
 def test_yaml_and_json_say_the_same_from_a_scene_and_from_a_folder(tmp_path):
     said = ["--to", "ros2_control", "--samples", "5", "--out"]
@@ -126,7 +134,7 @@ def test_rows_and_their_metadata_are_written_together_or_not_at_all(foreign, tmp
     ("arguments", "code", "words"),
     [
         (("five_bar", "--to", "ros2_control"), 2, "give --scene"),
-        (("five_bar", "--to", "mjcf", "--rate", "9"), 2, "--rate: of csv only"),
+        (("five_bar", "--to", "mjcf", "--rate", "9"), 2, "--rate: of ros2_control, csv only"),
         (("five_bar", "--scene", "B", "--to", "ros2_control"), 1, "unbounded torque"),
         (
             ("five_bar", "--to", "mjcf", "--scene", "C"),

@@ -18,7 +18,7 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.least_squares import posterior_root
-from framework.identification.measured_motion import MIN_SAMPLES, measured_motion
+from framework.identification.measured_motion import MIN_SAMPLES, measured_motion, smooth
 from framework.identification.recording import HELD_OUT_EVERY
 from framework.identification.unknowns import choose_unknowns, rests_on_data
 from framework.proofs.working_modes import working_modes
@@ -377,6 +377,20 @@ def test_unequal_time_steps_are_taken_as_they_are():
     assert found.refusal is None
     off = found.values - found.base.combinations.coefficients @ values
     assert np.abs(off / found.deviations).max() < 4.0
+
+
+def test_accelerations_are_not_known_at_the_ends_and_in_a_gap():
+    """Their noise there is three times the median: root mean squares of 300 signals of white noise."""
+    random = np.random.default_rng(3)
+    kept = np.sort(random.permutation(400)[:360])
+    times = kept[(kept < 200) | (kept > 208)] / 125.0
+    smoothed = smooth(times, random.standard_normal((len(times), 300)), cutoff=15.0)
+    noise = np.sqrt(np.mean(smoothed.values[2] ** 2, axis=1))
+    known = smoothed.acceleration_known
+    assert noise[known].max() < 1.5 * 3.0 * np.median(noise)
+    assert noise[~known].min() > 3.0 / 1.5 * np.median(noise)
+    assert not known[[0, -1]].any()
+    assert 0.9 < known.mean() < 1.0
 
 
 def in_another_mode(robot: ParallelRobot) -> ParallelRobot:

@@ -40,16 +40,6 @@ def test_a_duration_is_right_however_near_to_zero_the_speed_comes(least):
     assert SERIES.duration(dipping(least)) == pytest.approx(float(exact), rel=1e-14 + 1e-16 / least)
 
 
-def test_a_blend_takes_the_time_asked():
-    quick, slow = dipping(0.1), dipping(1e-3, at=0.6)
-    duration = 0.5 * (SERIES.duration(quick) + SERIES.duration(slow))
-    between = SERIES.blend(quick, slow, duration)
-    assert SERIES.duration(between) == pytest.approx(duration, rel=1e-9)
-    share = (between - slow) @ (quick - slow) / ((quick - slow) @ (quick - slow))
-    assert 0 < share < 1
-    np.testing.assert_allclose(between, slow + share * (quick - slow), atol=1e-14)
-
-
 def test_an_adjusted_series_meets_its_conditions_and_its_duration_to_rounding():
     conditions = Affine(np.array([[1.0, 2.0, -1.0]]), np.array([-0.3]))
     start = dipping(0.1)

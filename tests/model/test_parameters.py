@@ -11,6 +11,7 @@ from framework import InvalidInput, ParallelRobot, RobotFileError, load_plan, lo
 from framework.atlas.design_study import read_designs
 from framework.cli import main
 from framework.model.parameters import declared_parameters, fill_parameters, fill_placeholders
+from framework.model.robot_file import unused_parameters
 from framework.show.report import python_call
 from tests.urdf_edits import parametric_five_bar
 
@@ -115,6 +116,16 @@ def test_a_file_with_parameters_is_the_robot_with_these_numbers(tmp_path):
     assert longer.description.parameters == {"l1": 0.25, "l2": 0.27}
     with pytest.raises(RobotFileError, match="unknown parameter"):
         ParallelRobot.from_file(file, parameters={"l3": 1.0})
+
+
+def test_a_parameter_that_is_used_nowhere_is_told(tmp_path):
+    file = parametric_five_bar(tmp_path)
+    assert unused_parameters(load_robot(file).description) == []
+    file.write_text(file.read_text().replace("parameters: {", "parameters: {spare: 2, stiff: 9, "))
+    urdf = tmp_path / "named.urdf"
+    urdf.write_text(urdf.read_text().replace("${l2}", "${l2 * stiff / 9}"))
+    assert unused_parameters(load_robot(file).description) == ["spare"]
+    assert unused_parameters(load_robot("five_bar").description) == []
 
 
 def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path):

@@ -89,6 +89,29 @@ def test_no_law_between_moving_ends_is_beaten(k):
             assert bound.value <= law.peak * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [0, 8])
+def test_no_law_of_a_required_duration_is_beaten_nor_at_the_times_of_another(k):
+    """The own times of a law cost nothing if they are required; a weight is held where that is cheap."""
+    one = rigid_crossing(k)
+    free = answer_of(one, Asked("peak_torque", duration=one.duration))
+    assert free.plan is not None, free.refusal or free.failure
+    times = tuple(crossing.time for crossing in free.plan.crossings)
+    asked = [Asked(goal, duration=one.duration, times=times) for goal in ("peak_torque", "energy")]
+    asked += [Asked("energy", duration=ratio * one.duration) for ratio in (1.0, 5.0)]
+    asked.append(Asked("peak_torque", duration=5.0 * one.duration))
+    assert contradictions([free, *(answer_of(one, each) for each in asked)]) == []
+
+
+@pytest.mark.slow
+def test_required_times_cost_as_much_backwards():
+    one = rigid_crossing(CHEAPEST)
+    times = tuple(0.9 * crossing.time for crossing in least_peak(one).plan.crossings)
+    asked = Asked("peak_torque", duration=one.duration, times=times)
+    back = replace(asked, times=tuple(one.duration - t for t in times[::-1]))
+    assert value(reversed_path(one), back) == pytest.approx(value(one, asked), rel=SAME)
+
+
 def reversed_path(one: Crossing) -> Crossing:
     """The way back: the same laws, run backwards."""
     path = path_of(one.path.kind, one.path.points[::-1])

@@ -82,6 +82,17 @@ def test_elastic_robots_start_and_end_in_motion(flexibility):
         assert simulate(plan).tracking_error < 1e-9
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("goal", ["peak_torque", "energy"])
+def test_a_law_between_moving_ends_holds_back_as_long_as_required(goal):
+    """It takes more than twice as long as at the speed of its ends, and slows down between them."""
+    plan = plan_crossing(robot(), PATH, duration=4.0, start_speed=0.6, end_speed=0.6, optimize=goal)
+    assert plan.duration == pytest.approx(4.0, rel=1e-12)
+    assert plan.law(np.array([0.0, 4.0]), 1) == pytest.approx([0.6, 0.6])
+    assert plan.certificate.monotone
+    assert np.abs(defects_of(plan).force) < 1e-8
+
+
 def test_required_times_are_met_between_moving_ends_by_a_higher_degree():
     plan = plan_crossing(robot(), PATH, duration=1.5, times=[0.5], start_speed=0.2, end_speed=0.3)
     assert plan.law.degree > 8

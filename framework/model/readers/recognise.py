@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -95,6 +96,8 @@ def parse_any(
     chosen = Options(**stated)
     if os.path.isdir(path):
         path = _find_pair(path)
+    if path.name == "plan.json":
+        raise RobotFileError(f"{path}: is of a plan, which is given by its folder, {path.parent}")
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
     if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz"):
         raise RobotFileError(f"{path}: {_USD_REFUSAL}")
@@ -237,9 +240,11 @@ def _find_pair(folder: Path) -> Path:
         if os.path.isfile(folder / name):
             return folder / name
     if os.path.isfile(folder / "plan.json"):
+        quoted = shlex.quote(str(folder))
         raise RobotFileError(
             f"{folder}: holds a plan, where a robot is needed: give its name or its file; "
-            f"torques of the plan itself: load_plan({str(folder)!r}).torque(t) in Python"
+            f"torques of the plan itself: `crossing export {quoted} --to csv --at 0 --out -` "
+            f"or load_plan({str(folder)!r}).torque(t) in Python"
         )
     raise RobotFileError(
         f"{folder}: a folder without {' or '.join(names)}, and without the plan.json of a plan"

@@ -201,7 +201,7 @@ def _search_smooth(
 
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
-    """Make the law of a speed, adjusted to the required instants, if any.
+    """Make the law of a speed that has the required instants.
 
     Args:
         search: the search that found the speed.
@@ -212,17 +212,13 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     """
     program = search.program
     specification = program.problem.specification
-    instants = program.problem.instants
-    y = speed.y
-    if len(instants.times):
-        y = program.space.adjust(y, program.conditions, instants)
     stretch = program.problem.task.stretch
     law = OptimalLaw(
-        y,
+        speed.y,
         specification.smoothness,
         specification.duration or 0.0,
         stretch.dense_at,
         tuple(program.basis.cells),
         specification.ends.moving,
     )
-    return Best(law, search, program.evaluate_speed(y, speed.x)._replace(floor=speed.floor))
+    return Best(law, search, speed)

@@ -70,7 +70,9 @@ MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflecte
 FIRST_TRUST, CORRECTION_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.1, 0.05, 0.4
 NEARLY_ALLOWED = 1.0 + PEAK_TORQUE_MISMATCH  # ratio to a limit, from which lower limits lead back
 MAX_FOLLOWED_REST = 10.0  # motion of springs at the ends (`measure_rest`) from which laws may settle
-PART_OF_GAIN = 0.25  # of what a law may gain over the last motion, left to its smoothness
+MAX_WORSENING = 3.0  # of a motion after an allowed one (`Iterate.worst`), to correct the former
+# left to smoothness: share of a next law's cost, and part of what the law may gain over the last motion
+NEXT_SHARE, PART_OF_GAIN = 2e-3, 0.25
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
 WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 5e-3
 FAILURES = (NoLaw, NotAssembled, NotConverged, UnboundedTorque)  # of a law; another one may do
@@ -92,9 +94,12 @@ class Start(NamedTuple):
 
 # tried in turn until deflections are resolved and at rest at both ends
 SPLINES = tuple(Start(share, degree=None) for share in (4e-2, 0.15, 0.5, 3.0))
-CAPPED = (Start(SMOOTHNESS_COST, 30.0), Start(2e-2, 8.0), Start(0.3, 4.0), Start(3.0, 4.0), *SPLINES)
+SMOOTH = (Start(2e-2, 8.0), Start(2e-2, 4.0), Start(0.3, 4.0), Start(3.0, 4.0), *SPLINES)
+CAPPED = (Start(SMOOTHNESS_COST, 30.0), *SMOOTH)
 # of springs whose rates cause no forces
-FREE = (Start(SMOOTHNESS_COST), CAPPED[0], Start(1e-2, 12.0), *CAPPED[1:])
+FREE = (Start(SMOOTHNESS_COST), CAPPED[0], Start(1e-2, 12.0), *SMOOTH)
+# of these, where a law is improved: the quickest one would exceed limits most under deflections
+QUICK = (Start(2e-2), *FREE[1:])
 
 
 @dataclass(frozen=True)
@@ -140,11 +145,12 @@ class ElasticSearch:
     @staticmethod
     def of(task: Task) -> ElasticSearch:
         """Prepare the search of a task."""
-        starts: Sequence[Start] = FREE
+        is_quickest = task.follows_balance and task.specification.goal == "time"
+        starts: Sequence[Start] = QUICK if is_quickest else FREE
         is_damped = task.robot.is_damped and task.robot.elastic_inertia
         if task.follows_balance and (is_damped or springs_carry_inertia(task.branch)):
             # redundant motors shake the springs between them, so that few quick laws leave these at rest
-            starts = CAPPED[1:] if task.robot.n_a > task.robot.n else CAPPED
+            starts = SMOOTH if is_quickest or task.robot.n_a > task.robot.n else CAPPED
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         sampled = sample_demand(task)
@@ -277,7 +283,8 @@ class ElasticSearch:
         problem = problem._replace(response=about.response, degree=degree, trust=trust)
         goal = problem.specification.goal
         part = 1.0 if is_corrected else PART_OF_GAIN
-        return solve_problem(problem, similar=best, former_cost=about.motion.cost(goal), part=part)
+        former_cost = about.motion.cost(goal)
+        return solve_problem(problem, share=NEXT_SHARE, similar=best, former_cost=former_cost, part=part)
 
     def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:
         """Return the problem of the task within a share of its limits.
@@ -321,7 +328,8 @@ class ElasticSearch:
         """Yield motions in balance: under the law nearest to a first one, and under better laws.
 
         Torques are linearised about the last motion, also if it exceeds limits or is not at rest, as long as
-        it does so less than the one before. After a failure the next law is sought nearer to the best motion.
+        it does so less than the one before, or little after an allowed one. After a failure the next law is
+        sought nearer to the best motion.
         """
         goal = self.task.specification.goal
         about = self._balance_law(law, None)
@@ -347,10 +355,10 @@ class ElasticSearch:
                     raise
                 is_better = False
             else:
-                if new.worst > 1.0:
-                    is_better = about.worst <= NEARLY_ALLOWED or new.worst < about.worst
-                else:
+                if new.worst <= 1.0:
                     is_better = best is None or new.motion.cost(goal) < best.motion.cost(goal)
+                else:
+                    is_better = new.worst < about.worst or (about is base and new.worst <= MAX_WORSENING)
             if not is_better:
                 trust = min(TRUST_LOSS * trust, FIRST_TRUST)
                 if trust < LEAST_TRUST:

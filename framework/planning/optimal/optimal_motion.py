@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
+from framework.numerics.time_limit import seconds_ended
 from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
@@ -51,7 +52,9 @@ def optimal_motion(task: Task) -> OptimalMotion:
             sought = _try_remedies(task, evidence)
             numbers = () if isinstance(refusal.proof, HoldingTorque) else sought.clauses
             advice = () if sought.limits is None else (advice_of(task.robot, sought.limits),)
-            refusal = refusal.with_changes(clauses=(*numbers, *advice), evidence=sought)
+            ended = seconds_ended()  # a motion is tried no longer than that
+            untried = () if ended is None else (f"what would do was sought for no longer than {ended:g} s",)
+            refusal = refusal.with_changes(clauses=(*numbers, *advice, *untried), evidence=sought)
         raise refusal from None
     if counted is not task and limit_excess(motion.dynamics, task.specification) > 1.0:
         raise _refuse_drives(task, motion)

@@ -116,11 +116,12 @@ def check_speeds(task: Task) -> None:
         product = constant * per_z
         if is_orthogonal and not product < 0.0:
             why = "both pull the same way" if product > 0.0 else "one of them is zero and the other not"
+            alpha, beta, gamma, _ = point.condition or coefficients_at(task.branch, point, None)
             raise NoLaw(
                 f"at s = {point.s:.6g} the path runs orthogonal to t_s: condition "
                 f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
                 name=task.robot.name,
-                proof=UnmetCondition(point.s, *coefficients_at(task.branch, point, None)[:3], stop=False),
+                proof=UnmetCondition(point.s, alpha, beta, gamma, stop=False),
             )
 
 

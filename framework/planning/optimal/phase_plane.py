@@ -173,7 +173,8 @@ def crossing_rows(
     """
     if crossing.corank > 1 or crossing.contact == "tangential":
         return _rows_about(branch, phi, crossing, z0)
-    alpha, beta, gamma, delta = coefficients_at(branch, crossing, deflection=None)
+    condition = crossing.condition or coefficients_at(branch, crossing, deflection=None)
+    alpha, beta, gamma, delta = condition
     terms = PathTerms(*(np.array([[value]]) for value in (gamma, beta, alpha, delta)))
     sigma = phi.inverse(np.array([crossing.s]))
     row = np.concatenate(terms.linearise(phi, sigma, z0), axis=1)  # (1, 3)

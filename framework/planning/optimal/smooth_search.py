@@ -1,26 +1,22 @@
-"""The search for the smoothest law near the least cost, and for laws that take a given duration.
+"""The search for the smoothest law near the least cost, and for laws with required durations.
 
 A law is a squared speed z = (d sigma/dt)^2 along the path's parameter sigma, with coefficients y. Its
 duration is T(z) = integral of z^(-1/2). Laws come from cone programs (`speed_program`) with a lower bound of
-z, the floor.
+z, the floor. The smoothest law has the least integral of (d2z/dsigma2)^2.
 
-The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration D may be longer than that of
-the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tangent T_lin at a slow law is
-below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D
-exactly.
-
-Required times of crossings cut the path in stages, each with a duration, but for the last one if the end is
-open. No blend meets several at once: programs with the tangents of all are solved until these touch the
+Required instants, of crossings and of the end, cut the path in stages, each with a duration, but for the last
+one if the end is open. The constraint T(z) >= D of a stage is not convex, but T(z) is: its tangent T_lin at a
+slow law is below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one
+takes D exactly in one stage; with several, programs with the tangents of all are solved until these touch the
 durations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
-from operator import attrgetter
-from typing import Any, NamedTuple, TypeGuard
+from itertools import chain, pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,15 +24,15 @@ from framework.errors import InvalidInput
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.cone_program import Unsolved
 from framework.planning.optimal.law_problem import motor_rows
-from framework.planning.optimal.least_cost import NoneFound, cost_of, solve_least_cost
+from framework.planning.optimal.least_cost import NoneFound, cost_of
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
 SAME_DURATION = 1e-5  # relative difference of equal durations
-BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
+BLENDED_DURATION = 1e-4  # share of a duration that an adjustment changes at hardly any cost
 # towards required instants: steps with the tangents of all stages; share of a duration by which the last law
-# may differ, to be adjusted; share at which a law is near, but for its cost; of the least cost, tried next
-MAX_SETTLING_STEPS, SETTLED_DURATION, NEARLY_SETTLED, TIMED_SHARE = 30, 1e-3, 2e-2, 0.1
+# may differ, to be adjusted; share at which a law is near, but for its cost
+MAX_SETTLING_STEPS, SETTLED_DURATION, NEARLY_SETTLED = 30, 1e-3, 2e-2
 # of descents at required instants: largest relative change of z in a step, its part after a failure and the
 # least; relative gains of cost and of squared curvature that are worth a further step
 FIRST_TRUST, TRUST_LEFT, LEAST_TRUST = 0.3, 0.3, 0.02
@@ -45,11 +41,10 @@ MIN_COST_GAIN, MIN_SMOOTHING = 3e-4, 0.1
 # excess that a step may leave: z^(-1/2) keeps up to 1 / sqrt(3) of it at the zero of its tangent
 FIRST_SLACK, SLACK_LEFT, EXCESS_LEFT = 0.5, 0.5, 0.6
 LOWER_FLOORS = np.array([1.0, 1e-2])  # over that of a quick law, of laws that wait
-BLENDS = 65  # of a slow and a quick law that are compared
-MAX_SLOW_STEPS = 6  # with the tangent of T(z), towards slow laws
+LONGER_STEP = 1.4  # of a stage's duration in a step, by the tangent of T(z)
+MAX_QUICK_RATIO = 4.0  # of a required duration to that of a quick law from which others are settled
+MAX_BLEND_STEPS = 60  # of Newton's method, which converges from any distance on the slow side
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
-# of the least peak, tried in turn: between two ends in motion holding back costs more than a quicker law
-LARGER_SHARES = (0.1, 0.3, 1.0, 4.0)
 # in sigma, or of a stage, of the intervals where a law may wait; the second if the first fails
 WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
@@ -131,98 +126,76 @@ class SmoothSearch(NamedTuple):
         Returns:
             The search, with the least cost at the required instants where it had to be found, and the law.
         """
-        duration = self.program.problem.specification.duration
         if similar is not None:  # with the costs of this program
             similar = self.program.evaluate_speed(similar.y, similar.x)._replace(floor=similar.floor)
-        if self.program.problem.stops:
-            return self._find_timed(similar)
-        if duration is not None:
-            return self, self.find_lasting(duration, similar)
-        return self, self._solve_above_floor(self.bounds, similar=similar)[0]
-
-    def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
-        """Find a smooth law within the bounds that takes a duration [s].
-
-        If the smoothest law is too quick, a law of this duration is found by the tangent of the duration T(z)
-        about the smoothest law, or else by a blend with a slow law. It is then improved by the tangent of
-        T(z) about itself.
-
-        Args:
-            similar: a law of this duration, if one is known.
-        """
-        if self.goal == "energy":
-            return self._find_smooth_of_little_energy(duration, similar)
-        law = self._find_slowed(duration, similar)
-        if self.goal != "time" and all(self.program.problem.specification.ends.moving):
-            for share in LARGER_SHARES:
-                if not isinstance(law, NoneFound):
-                    break
-                law = self._replace(share=share)._find_slowed(duration, similar)
-        return law
-
-    def _find_slowed(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
-        """Find a smooth law as `find_lasting`, within the peak of these bounds."""
-        smooth, floor = self._solve_above_floor(self.bounds, similar=similar)
-        if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
-            return smooth
-
-        # the smoothest law is too quick: begin with the similar law, the smoothest law, or a slow law
-        bounds = self.bounds._replace(longest=None)
-        if similar is not None:
-            law = self._improve("curvature", similar, smooth, bounds, floor)
-            if law is not similar:
-                return law
-        law = self._improve("curvature", smooth, smooth, bounds, floor, duration)
-        if law is smooth:
-            slow = self._find_slow(duration, smooth, bounds, floor)
-            if isinstance(slow, NoneFound):
-                return slow
-            law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
-        return self._improve("curvature", law, smooth, bounds, floor, duration)
-
-    # -------------------------------------------------------------- required times of crossings
-
-    def _find_timed(self, similar: Speed | None) -> tuple[SmoothSearch, Speed | NoneFound]:
-        """Find a smooth law as `find_smooth` that passes all crossings at the required instants.
-
-        The bounds count that no stage takes longer than required. If the smoothest law within them has too
-        quick a stage, a law is settled whose stages take exactly what is required. Where this costs more,
-        bounds of the cost are loosened, and the least cost of laws so settled replaces that of the bounds.
-
-        Args:
-            similar: a law with these instants, if one is known.
-        """
-        problem = self.program.problem
         own = self.bounds
+        problem = self.program.problem
+        if not np.isfinite(problem.stages).any():
+            return self, self._solve_above_floor(own, similar=similar)[0]
+        starts = [] if similar is None else [similar]
+        if problem.stops:  # the law that meets the last instant alone may nearly meet the others
+            free = replace(self.program, problem=problem.without_stops())
+            _, law = self._replace(program=free).find_smooth()
+            if isinstance(law, Speed):
+                starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
+        law = self._settle_within(own, starts, similar)
+        if isinstance(law, Speed):
+            return self, law
+
+        # the required durations cost more than the least: find the least that they cost
         longest = own.longest
         if self.goal == "time":
             longest = problem.bound_stages(problem.specification.longest or 2.0 * self.least.least_duration)
         limits = Bounds(longest, share=own.share)
-        if similar is not None:
-            law = self._descend_at_instants(similar, "curvature", own)
-            if law is not None:
-                return self, law
-        start = similar
-        law = None
-        for bounds in (own, self._replace(share=TIMED_SHARE).bounds, limits):
-            quick, _floor = self._solve_above_floor(bounds, similar=similar)
-            if isinstance(quick, Speed):
-                start = self._settle_first(start, quick, bounds)
-                law = self._adjust(start)
-            elif self.goal == "time":
-                return self, quick
-            if law is not None:
-                break
-        if law is None:
-            listed = ", ".join(f"{t:.4g}" for t in problem.specification.times)
-            return self, NoneFound(self.program, f"no law that crosses at t = {listed} s was found")
-        if bounds is own:
+        law = self._settle_within(limits, starts, similar, self.goal)
+        if isinstance(law, NoneFound):
             return self, law
-        best = self._descend_at_instants(law, self.goal, limits) or law
+        best = self._descend(law, self.goal, limits) or law
         search = self._replace(least=best._replace(least_duration=best.duration))
-        return search, search._descend_at_instants(best, "curvature", search.bounds) or best
+        smooth = search._settle_within(search.bounds, [best])
+        return search, smooth if isinstance(smooth, Speed) else best
 
-    def _descend_at_instants(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
+    def _settle_within(
+        self,
+        bounds: Bounds,
+        starts: Sequence[Speed],
+        similar: Speed | None = None,
+        goal: str = "curvature",
+    ) -> Speed | NoneFound:
+        """Find a law of least cost within bounds whose stages take what is required.
+
+        It is settled from the first start from which one is found, or is the best of those from laws that
+        wait in intervals of the same width.
+
+        Args:
+            starts: laws to begin with, before quick and waiting ones.
+            similar: a law whose floor serves, too.
+            goal: of `SpeedProgram.minimise`.
+        """
+        quick, _floor = self._solve_above_floor(bounds, goal, similar)
+        if isinstance(quick, NoneFound):
+            return quick
+        law = self._adjust(quick, BLENDED_DURATION)  # which costs no more than that
+        if law is not None:
+            return law
+        for group in chain([[start] for start in starts], self._find_starts(quick, bounds, goal)):
+            laws = list[Speed]()
+            for start in group:
+                for settled_goal in dict.fromkeys((goal, "curvature")):  # if the first fails, the second
+                    settled = self._settle(start, quick, bounds, settled_goal)
+                    law = self._adjust(settled)
+                    if law is not None:
+                        laws.append(law)
+                        break
+            if laws:
+                return laws[0] if goal == "curvature" else min(laws, key=lambda law: cost_of(goal, law))
+            # other starts lead no nearer: the law misses the durations because it may not cost more
+            if goal == "curvature" and group and self._mismatch(settled) <= NEARLY_SETTLED:
+                break
+        listed = ", ".join(f"{t:.4g}" for t in self.program.problem.instants.times)
+        return NoneFound(self.program, f"no law that passes at t = {listed} s was found")
+
+    def _descend(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
         """Lower the cost of a law with the required instants, in a trust region about each law.
 
         Args:
@@ -272,11 +245,11 @@ class SmoothSearch(NamedTuple):
             return None
         return program.evaluate_speed(y, law.x)._replace(floor=law.floor)
 
-    def _bound_required(self, bounds: Bounds, excess: Array | float) -> Bounds:
-        """Return bounds with those of required stages at a relative excess (m,) over these; inf for none."""
+    def _bound_required(self, bounds: Bounds, required: Array | float) -> Bounds:
+        """Return bounds with those of required stages replaced by durations (m,) [s]; inf for none."""
         stages = self.program.problem.stages
         longest = np.full(len(stages), np.inf) if bounds.longest is None else bounds.longest
-        longest = np.where(np.isfinite(stages), (1.0 + excess) * stages, longest)
+        longest = np.where(np.isfinite(stages), required, longest)
         return bounds._replace(longest=longest if np.isfinite(longest).any() else None)
 
     def _mismatch(self, law: Speed) -> float:
@@ -284,108 +257,124 @@ class SmoothSearch(NamedTuple):
         ratio = law.durations / self.program.problem.stages  # zero where open
         return float(np.abs(ratio - 1.0)[ratio > 0.0].max(initial=0.0))
 
-    def _settle_first(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Speed:
-        """Settle the smoothest law from several starts; return the first that is nearly settled, or the last.
+    def _find_starts(self, quick: Speed, bounds: Bounds, goal: str) -> Iterator[list[Speed]]:
+        """Yield groups of laws from which stages may be settled: the quick one, and waiting ones.
 
-        Other starts lead no nearer than that: the law misses the durations because it may not cost more.
+        Those of a group wait in intervals of the same width, with the least cost, and are blended with the
+        quick one. Above a lower floor laws may wait for longer.
 
         Args:
-            similar: a law with the required instants, if one is known.
             quick: a law of which no stage takes longer than required.
-            bounds: as of `_settle`.
+            bounds: of the settled laws.
+            goal: of the waiting laws.
         """
-        law = quick
-        if self._mismatch(quick) <= BLENDED_DURATION:  # its adjustment costs no more than that
-            return quick
-        for start in self._starts_of_stages(similar, quick, bounds):
-            law = self._settle(start, bounds)
-            if self._mismatch(law) <= NEARLY_SETTLED:
-                break
-        return law
+        required = np.isfinite(self.program.problem.stages)
+        stages = self.program.problem.stages[required]
+        # settled from a quick law, others find no cheaper place to wait
+        is_quick_near = goal == "curvature" and np.all(stages < MAX_QUICK_RATIO * quick.durations[required])
+        if is_quick_near:
+            yield [quick]
+        waiting = bounds._replace(longest=None)
+        for floor, width in product(LOWER_FLOORS * quick.floor, WAITING_WIDTHS):
+            if not is_quick_near and (floor, width) == (LOWER_FLOORS[1] * quick.floor, WAITING_WIDTHS[0]):
+                yield [quick]
+            laws = list[Speed]()
+            for waits in self._choose_waits(width, goal):
+                # at a constant speed of 0.7 of that with which a wait takes the whole stage
+                highest = np.maximum((0.7 * width / stages) ** 2, 1.01 * floor)  # (m,) [1/s^2]
+                cap = np.where(waits, highest[:, None], np.inf).min(axis=0)
+                slow = self.program.minimise(goal, waiting, self.units, floor=floor, cap=cap)
+                if isinstance(slow, Speed):
+                    laws.append(self._blend(quick, slow)._replace(floor=floor))
+            yield laws
 
-    def _starts_of_stages(self, similar: Speed | None, quick: Speed, bounds: Bounds) -> Iterator[Speed]:
-        """Yield laws from which stages may be settled: similar, quick, and waiting ones.
+    def _settle(self, law: Speed, quick: Speed, bounds: Bounds, goal: str) -> Speed:
+        """Find a law of least cost whose stages take what is required; return the nearest to that.
 
-        Waiting ones wait in each stage, and are blended with the quick one. A tangent of T is nowhere above
-        1.5 T, so that the one about a quick law may exclude what is required. A stage waits at its end at
-        rest, or in its middle. The blend is the quickest without a stage quicker than required. Above a lower
-        floor laws may wait for longer. The arguments are those of `_settle_first`.
-        """
-        problem = self.program.problem
-        required = np.isfinite(problem.stages)
-        stages = problem.stages[required]
-        if similar is not None:
-            yield similar
-        if np.all(stages < 1.5 * quick.durations[required]):
-            yield quick
-        sigma = self._positive_sigma
-        edges = np.array([0.0, *problem.stops, 1.0])
-        is_moving = problem.specification.ends.moving
-        places = 0.5 * (edges[:-1] + edges[1:])
-        places[0] *= is_moving[0]
-        places[-1] = places[-1] if is_moving[1] else 1.0
-        fine_z, weights = self.program.fine_quadrature
-        for floor, share in product(LOWER_FLOORS * quick.floor, WAITING_WIDTHS):
-            widths = share * np.diff(edges)
-            caps = [
-                _cap_speed(np.abs(sigma - place) < width, width, stage, floor)
-                for place, width, stage in zip(places[required], widths[required], stages, strict=True)
-            ]
-            waits = bounds._replace(longest=None)
-            cap = np.min(caps, axis=0)
-            slow = self.program.minimise("curvature", waits, self.units, floor=floor, cap=cap)
-            if isinstance(slow, Unsolved) or not np.isfinite(slow.duration):
-                continue
-            shares = np.linspace(0.0, 1.0, BLENDS)
-            z = np.outer(1.0 - shares, fine_z @ slow.y) + np.outer(shares, fine_z @ quick.y)  # (BLENDS, F)
-            is_slow = np.all((z**-0.5 @ weights.T)[:, required] >= stages, axis=1)
-            last = max(int(np.append(is_slow, False).argmin()) - 1, 0)
-            y, x = (a + shares[last] * (b - a) for a, b in ((slow.y, quick.y), (slow.x, quick.x)))
-            yield self.program.evaluate_speed(y, x)._replace(floor=floor)
-
-    def _settle(self, law: Speed, bounds: Bounds) -> Speed:
-        """Find a smooth law whose stages take what is required; return the nearest to that.
-
-        Each program requires it of the tangents about the law before, which are below the durations. Where
-        the excess of the durations then does not fall, as tangents may lead from one slow place to another,
-        programs bound the durations themselves.
+        Each program requires it of the tangents about the law before, which are below the durations, or, as a
+        tangent of T is nowhere above 1.5 T, LONGER_STEP times what a stage takes. A single stage that then
+        takes too long is blended with a quick law. Where the excess of several does not fall, as tangents may
+        lead from one slow place to another, programs bound the durations themselves.
 
         Args:
             law: the first law, above whose floor others are sought.
+            quick: a law of which no stage takes longer than required.
             bounds: the bounds; those of stages with a required duration do not count.
+            goal: of `SpeedProgram.minimise`.
         """
         program = self.program
         stages = program.problem.stages
         required = np.isfinite(stages)
-        excess = np.abs(law.durations / stages - 1.0)  # (m,) 1 where open
+        excess = np.minimum(np.abs(law.durations / stages - 1.0), 1.0)  # (m,) 1 where open
         slack = FIRST_SLACK
         bounded = False  # whether programs bound the durations
+        overshoot = None  # the last step of too much excess
         for _ in range(MAX_SETTLING_STEPS):
+            targets = np.where(required, np.minimum(stages, LONGER_STEP * law.durations), np.inf)
             allowed = np.maximum(EXCESS_LEFT * excess, max(slack, BLENDED_DURATION))
-            found = program.minimise(
-                "curvature",
-                self._bound_required(bounds, allowed if bounded else np.inf),
+            step = program.minimise(
+                goal,
+                self._bound_required(bounds, (1.0 + allowed) * targets if bounded else np.inf),
                 self.units,
                 floor=law.floor,
-                about=(law.y, stages, not bounded),
+                about=(law.y, targets, not bounded),
             )
-            if isinstance(found, Unsolved) or not np.isfinite(found.duration):
-                if bounded:
-                    break
-                bounded = True
-                continue
-            excess_found = np.abs(found.durations / stages - 1.0)
-            if not bounded and np.any((excess_found > allowed)[required]):
-                bounded = True
-                continue
-            law = found
-            excess = excess_found
-            slack *= SLACK_LEFT
-            if self._mismatch(law) <= (2.0 * BLENDED_DURATION if bounded else SAME_DURATION):
+            if isinstance(step, Speed):
+                step = self._blend(quick, step)
+                over, under = step.durations / stages - 1.0, 1.0 - step.durations / targets
+                excess_left = np.maximum(over, under)
+                if np.isfinite(step.duration) and (bounded or np.all((excess_left <= allowed)[required])):
+                    is_gain = self._is_gain(goal, step, law)
+                    law = step
+                    excess = excess_left
+                    slack *= SLACK_LEFT if np.all(targets[required] == stages[required]) else 1.0
+                    is_near = self._mismatch(law) <= (2.0 * BLENDED_DURATION if bounded else SAME_DURATION)
+                    if is_near and not is_gain:
+                        break
+                    continue
+                overshoot = step if np.isfinite(step.duration) else None
+            if bounded and overshoot is None:
                 break
+            if bounded and overshoot is not None:  # no law is between
+                law, overshoot = overshoot, None
+                excess = np.minimum(np.abs(law.durations / stages - 1.0), 1.0)
+            bounded = not bounded
         return law
 
-    # -------------------------------------------------------------- a required duration
+    def _blend(self, quick: Speed, slow: Speed) -> Speed:
+        """Blend a slow law with a quick one, to the quickest without a stage quicker than required.
+
+        The law is y = slow + share (quick - slow). Its durations are convex functions of the share, so that
+        Newton's method from a small share approaches the first of them that is met from the slow side. A law
+        that stands still is first blended so that its z is at least LIFTED_SHARE of the quick law's.
+
+        Args:
+            quick: a law of which no stage takes longer than required, with a positive z.
+            slow: a law of which no stage takes less; any other law is returned.
+        """
+        stages = self.program.problem.stages
+        required = np.isfinite(stages)
+        if np.any(slow.durations[required] < stages[required]):
+            return slow
+        fine_z, weights = self.program.fine_quadrature
+        z_slow, z_quick = fine_z @ slow.y, fine_z @ quick.y  # (F,)
+        direction = z_quick - z_slow
+        lowest = LIFTED_SHARE * z_quick
+        is_low = z_slow < lowest if not np.isfinite(slow.duration) else z_slow <= 0.0
+        share = float(((lowest - z_slow) / direction)[is_low].max(initial=0.0))
+        for _ in range(MAX_BLEND_STEPS):
+            z = z_slow + share * direction
+            durations = weights[required] @ z**-0.5
+            falls = 0.5 * weights[required] @ (z**-1.5 * direction)  # by the share
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = np.where(falls > 0.0, (durations - stages[required]) / falls, np.inf).min()
+            if not 0.0 < step < np.inf:
+                break
+            share = min(share + step, 1.0)
+            if step <= np.finfo(float).eps:
+                break
+        y, x = (a + share * (b - a) for a, b in ((slow.y, quick.y), (slow.x, quick.x)))
+        return self.program.evaluate_speed(y, x)._replace(floor=min(quick.floor, slow.floor))
 
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
@@ -418,208 +407,49 @@ class SmoothSearch(NamedTuple):
                 return NoneFound(self.program, "z is not positive"), 0.0
         return NoneFound(self.program, status), 0.0
 
-    def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
-        """Blend a quick and a slow speed to a duration [s]; return the slow one if that is not between."""
-        if not quick.duration < duration < slow.duration:
-            return slow
-        y = self.program.space.blend(quick.y, slow.y, duration)
-        direction = quick.y - slow.y
-        share = (y - slow.y) @ direction / (direction @ direction)
-        blend = self.program.evaluate_speed(y, slow.x + share * (quick.x - slow.x))
-        return blend._replace(floor=min(quick.floor, slow.floor))
-
-    def _minimise_slow(self, quick: Speed, goal: str, bounds: Bounds, **options: Any) -> Speed | Unsolved:
-        """Find a slow law of least cost, with `options` of `SpeedProgram.minimise`.
-
-        A law that stands still between the points is blended with a quick law, so that its z is at least
-        LIFTED_SHARE of the quick law's.
-
-        Args:
-            quick: a quick law, whose z is positive everywhere.
-            goal: goal of `SpeedProgram.minimise`.
-            bounds: bounds of duration, peak and energy.
-        """
-        slow = self.program.minimise(goal, bounds, self.units, **options)
-        if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
-            return slow
-        values, _weights = self.program.fine_quadrature
-        z = values @ slow.y
-        z_quick = values @ quick.y
-        # the share of the quick law in the blend at which z is LIFTED_SHARE z_quick, at each point
-        share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
-        largest_share = share[z < LIFTED_SHARE * z_quick].max()
-        y = slow.y + largest_share * (quick.y - slow.y)
-        x = slow.x + largest_share * (quick.x - slow.x)
-        return self.program.evaluate_speed(y, x)._replace(floor=slow.floor)
-
-    def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends.
-
-        Between two ends in motion it waits in the middle of the longest gap between crossings.
-
-        Args:
-            quick: a law that is too quick.
-            bounds: bounds of duration, peak and energy.
-            floor: lower bound of z [1/s^2].
-        """
-        sigma = self._positive_sigma
-        problem = self.program.problem
-        is_at_rest = ~np.array(problem.specification.ends.moving)
-        places = np.array([0.0, 1.0])[is_at_rest]
-        if not len(places):
-            stops = np.unique([0.0, *problem.crossings, 1.0])
-            longest = np.diff(stops).argmax()
-            places = 0.5 * (stops[[longest]] + stops[[longest + 1]])
-        distance = np.abs(sigma[:, None] - places).min(axis=1)
-        for width in WAITING_WIDTHS:
-            cap = _cap_speed(distance < width, width, duration, floor)
-            slow = self._minimise_slow(quick, "curvature", bounds, floor=floor, cap=cap)
-            if _takes_at_least(slow, duration):
-                return slow
-        return self._slow_down(duration, quick, bounds, floor)
-
-    def _slow_down(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s] by minimising integrals of weights times z.
-
-        The weights are z^(-3/2) of the last law. The derivative of the duration T = integral of z^(-1/2) is
-        proportional to them, so each law is slower than the last one. At first they are 1.
-
-        Args:
-            quick: a law that is too quick.
-            bounds: bounds of duration, peak and energy.
-            floor: lower bound of z [1/s^2].
-        """
-        weights = np.ones(self.program.z.shape[0])
-        for _ in range(MAX_SLOW_STEPS):
-            slow = self._minimise_slow(quick, "slowness", bounds, floor=floor, weights=weights)
-            if _takes_at_least(slow, duration):
-                return slow
-            if isinstance(slow, Unsolved):
-                return NoneFound(self.program, slow.status)
-            z = self.program.z @ slow.y
-            weights = (z / z.max()) ** -1.5  # at least 1
-        return self._refuse_duration(duration)
-
-    def _refuse_duration(self, duration: float) -> NoneFound:
-        """Return the result that no law of a duration [s] was found."""
-        return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
-
-    def _improve(
-        self,
-        goal: str,
-        law: Speed,
-        quick: Speed,
-        bounds: Bounds,
-        floor: float,
-        duration: float | None = None,
-    ) -> Speed:
-        """Lower the cost of a law at a duration [s] by the tangent of T(z) at this law.
-
-        The law itself is returned if the program has no solution, or one that is too quick all the same.
-
-        Args:
-            goal: "curvature" or "energy".
-            quick: a quicker law; a solution that is too slow is blended with it to the duration.
-            bounds: bounds of duration, peak and energy.
-            floor: lower bound of z [1/s^2].
-            duration: by default that of the law.
-        """
-        duration = duration or law.duration
-        bounds = bounds._replace(longest=np.array([4.0 * duration]))  # far above what a solution takes
-        about = (law.y, np.array([duration]), False)
-        slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=about)
-        if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
-            return self._blend(quick, slow, duration)
-        return law
-
-    # -------------------------------------------------------------- energy at a duration
-
-    def _find_smooth_of_little_energy(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
-        """Find a smooth law of little energy that takes a duration [s].
-
-        If the law of least energy is quicker than the duration, the best of several laws of this duration is
-        improved. Finally, the smoothest law within a share of this energy is slowed to the duration.
-
-        Args:
-            similar: a law of this duration, which takes the place of the law of least energy.
-        """
-        limits = Bounds(share=self.bounds.share)  # without a bound of duration, peak or energy
-        quick, floor = self._solve_above_floor(
-            limits._replace(longest=np.array([duration])), "energy", similar
-        )
-        if isinstance(quick, NoneFound):
-            return quick
-        law = similar or quick
-        least_duration = duration * (1.0 - SAME_DURATION)
-        if law.duration < least_duration:
-            starts = list(self._find_starts(quick, duration, floor))
-            if not starts:
-                return self._refuse_duration(duration)
-            law = min(starts, key=attrgetter("energy"))
-            if law.energy > (1.0 + 0.5 * self.share) * quick.energy:  # smoothness adds `share` of it anyway
-                law = self._descend_at_instants(law, "energy", limits) or law
-
-        # the smoothest law within a share of this energy
-        bounds = Bounds(np.array([duration]), energy=(1.0 + self.share) * law.energy, share=limits.share)
-        smooth = self.program.minimise("curvature", bounds, self.units, floor=floor)
-        if _takes_at_least(smooth, least_duration):
-            return smooth
-        if _takes_at_least(smooth, 0.0):  # a law, though a quicker one
-            quick = smooth
-        smooth = self._improve("curvature", law, quick, bounds, floor)
-        if similar is not None and smooth is similar:
-            return self._find_smooth_of_little_energy(duration, None)
-        return smooth
-
-    def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
-        """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak.
-
-        Args:
-            quick: the law of least energy, which is quicker.
-            floor: lower bound of z [1/s^2].
-        """
-        limits = Bounds(share=self.bounds.share)
-        for width in WAITING_WIDTHS:
-            laws = []
-            for waits in self._choose_waits(width):
-                cap = _cap_speed(waits, width, duration, floor)
-                slow = self.program.minimise("energy", limits, self.units, floor=floor, cap=cap)
-                if _takes_at_least(slow, duration):
-                    laws.append(self._blend(quick, slow, duration))
-            yield from laws
-            if laws:
-                break
-
-        of_peak = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
-        least = solve_least_cost(of_peak)
-        if not isinstance(least, NoneFound):
-            search = SmoothSearch(of_peak, least.units, least.speed, self.share)
-            law = search.find_lasting(duration)
-            if isinstance(law, Speed) and law.duration >= duration * (1.0 - SAME_DURATION):
-                yield law
-
     @property
     def _positive_sigma(self) -> Array:
         """The points sigma (m,) of the rows that keep z positive."""
         return self.program.problem.task.stretch.inverse(np.clip(self.program.positive_xi, -1.0, 1.0))
 
-    def _choose_waits(self, width: float) -> Iterator[BoolArray]:
-        """Yield masks (m,) of intervals to wait in: at the cheaper end, and at cheap points inside the path.
+    def _choose_waits(self, width: float, goal: str) -> Iterator[BoolArray]:
+        """Yield masks (m, points) of intervals of the required stages in which a law may wait.
 
-        The cost of holding is the sum of (torque at rest over the reference)^2. Inside the path, its local
-        minima are candidates.
+        For a smooth law a stage waits at its ends at rest, if it has any; else in the middle of its longest
+        gap between crossings. For another goal it waits at the end at which holding is cheaper, and then
+        where it is even cheaper inside: at local minima of the sum of (torque at rest over the reference)^2.
 
         Args:
-            width: width of the intervals, in sigma.
+            width: width of the intervals, over that of the stage.
+            goal: of the law.
         """
+        problem = self.program.problem
         sigma = self._positive_sigma
         cost = self._holding_cost(sigma)
-        yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
-        inner_cost = cost[1:-1]
-        is_minimum = (inner_cost <= cost[:-2]) & (inner_cost <= cost[2:])
-        is_cheap = inner_cost < MAX_INNER_COST * min(cost[0], cost[-1])
-        for middle in sigma[1:-1][is_minimum & is_cheap]:
-            yield np.abs(sigma - middle) < 0.5 * width
+        is_minimum = np.pad((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]), 1)
+        edges = np.array([0.0, *problem.stops, 1.0])
+        at_rest = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
+        masks = list[list[BoolArray]]()  # of each stage, one after the other
+        for start, end in pairwise(edges[: 1 + np.isfinite(problem.stages).sum()]):
+            reach = width * (end - start)
+            resting = at_rest[(at_rest == start) | (at_rest == end)]
+            if goal != "curvature" and len(resting) > 1:
+                resting = resting[[np.argmin(cost[[0, -1]])]]
+            if not len(resting):
+                between = problem.crossings[(start < problem.crossings) & (problem.crossings < end)]
+                gaps = np.unique([start, *between, end])
+                longest = np.diff(gaps).argmax()
+                middle = 0.5 * (gaps[longest] + gaps[longest + 1])
+                masks.append([np.abs(sigma - middle) < 0.5 * reach])
+                continue
+            stage_masks = [np.abs(sigma[:, None] - resting).min(axis=1) < reach]
+            if goal != "curvature":
+                is_cheap = is_minimum & (cost < MAX_INNER_COST * cost[stage_masks[0]].min())
+                is_cheap &= (start < sigma) & (sigma < end)
+                stage_masks += [np.abs(sigma - place) < 0.5 * reach for place in sigma[is_cheap]]
+            masks.append(stage_masks)
+        for k in range(max(map(len, masks))):
+            yield np.array([each[min(k, len(each) - 1)] for each in masks])
 
     def _holding_cost(self, sigma: Array) -> Array:
         """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,).
@@ -632,28 +462,6 @@ class SmoothSearch(NamedTuple):
         torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]  # where z = u = 0
         ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference
         return np.interp(sigma, points, (ratio**2).sum(axis=1))
-
-
-def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
-    """Return whether a law was found that takes at least a duration [s], and not infinitely long."""
-    return isinstance(law, Speed) and duration <= law.duration < np.inf
-
-
-def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) -> Array:
-    """Return caps (m,) of z [1/s^2] with which an interval in sigma takes longer than a duration [s].
-
-    At the constant speed width / duration the interval takes exactly the duration. The cap is 0.7 of this
-    speed, so that the interval takes even longer. Caps are 1 % above the floor, so that the program has a
-    solution. They are infinite where the law does not wait.
-
-    Args:
-        waits: mask (m,) of the interval.
-        width: width of the interval, in sigma.
-        duration: [s].
-        floor: lower bound of z [1/s^2].
-    """
-    highest = max((0.7 * width / duration) ** 2, 1.01 * floor)
-    return np.where(waits, highest, np.inf)
 
 
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:

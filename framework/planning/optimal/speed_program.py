@@ -265,7 +265,6 @@ class SpeedProgram:
         *,
         floor: Array | float = 0.0,
         cap: Array | float = np.inf,
-        weights: Array | None = None,
         about: tuple[Array, Array, bool] | None = None,
         stage: int = -1,
         tolerance: float = TOLERANCE,
@@ -278,13 +277,11 @@ class SpeedProgram:
 
         Args:
             goal: "time", "peak_torque", "energy"; "peak_speed" or "limits", the least multiple of the speed
-                limits or of all limits; "curvature", the integral of (d2z/dsigma2)^2; "slowness", the
-                integral of `weights` z.
+                limits or of all limits; "curvature", the integral of (d2z/dsigma2)^2.
             bounds: bounds of duration, peak and energy, and the share of the limits that may be used.
             units: units of time and torque in which the optimum is near 1.
             floor: lower bound of the `positive_rows` [1/s^2], one or (m,).
             cap: upper bound of the `positive_rows` (m,) [1/s^2].
-            weights: (P,) at the points with a weight, for the goal "slowness".
             about: y (n,), durations (m,) [s] of stages, and whether the tangents of T(z) at y must be equal
                 to those that are finite; otherwise they must not fall below.
             stage: index of the stage whose duration is least for the goal "time"; the last by default.
@@ -323,7 +320,7 @@ class SpeedProgram:
 
         program = ConeProgram(
             self._sizes(powers, timed=timed),
-            self._linear_cost(goal, weights, stage),
+            self._linear_cost(goal, stage),
             self.curvature if goal == "curvature" else None,
             equal,
             nonnegative,
@@ -374,12 +371,11 @@ class SpeedProgram:
             sizes["v"] = count
         return sizes | dict.fromkeys(powers, count)
 
-    def _linear_cost(self, goal: str, weights: Array | None, stage: int) -> dict[str, Array]:
+    def _linear_cost(self, goal: str, stage: int) -> dict[str, Array]:
         """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
 
         Args:
             goal: goal of `minimise`.
-            weights: (P,) at the points with a weight, for the goal "slowness".
             stage: index of the stage whose duration is the cost of the goal "time".
         """
         match goal:
@@ -387,9 +383,6 @@ class SpeedProgram:
                 return {"v": self.stage_weights[stage]}
             case "energy":
                 return {"e": self._inner_weights}
-            case "slowness":
-                assert weights is not None
-                return {"y": (self._inner_weights * weights) @ self.z}
             case "curvature":
                 return {}
         return {"peak": np.ones(1)}

@@ -26,6 +26,7 @@ class Asked:
     """What an optimal law is asked for; limits [N m] of every motor or of each, durations [s].
 
     ends: s', s" at start and goal; laws are compared at the same ends alone.
+    times: instants of the crossings.
     """
 
     goal: str
@@ -34,6 +35,7 @@ class Asked:
     torque_limit: float | tuple[float, ...] | None = None
     label: str = ""
     ends: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+    times: tuple[float, ...] = ()
 
     def options(self) -> dict[str, Any]:
         """The options of `plan_crossing`."""
@@ -45,6 +47,8 @@ class Asked:
         for name, derivatives in zip(("start_speed", "end_speed"), self.ends, strict=True):
             if derivatives:
                 options[name] = derivatives
+        if self.times:
+            options["times"] = list(self.times)
         return {"law": "optimal", "optimize": self.goal, **options}
 
     def __str__(self) -> str:
@@ -84,6 +88,10 @@ class Answer:
         if self.plan is None or self.asked.ends != asked.ends:
             return False
         if asked.duration is not None and abs(self.duration / asked.duration - 1.0) > ROUNDING:
+            return False
+        if asked.times and not np.allclose(
+            [crossing.time for crossing in self.plan.crossings], asked.times, rtol=ROUNDING, atol=0.0
+        ):
             return False
         if asked.longest is not None and self.duration > asked.longest * (1.0 + ROUNDING):
             return False
