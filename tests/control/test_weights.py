@@ -18,6 +18,15 @@ WEIGHTS = Weights(
 PERIOD, LENGTH, SCALE = 2e-3, 0.8, np.array([0.5, 1.0])
 
 
+class Plan(SimpleNamespace):
+    """What is used of a planned motion."""
+
+    @property
+    def peak_torque(self) -> np.ndarray:
+        """The largest torques (n_a,)."""
+        return np.abs(self.torque).max(axis=0)
+
+
 def draw(seed: int):
     """A robot of which little is needed, the linear model of its plan, and the plan."""
     rng = np.random.default_rng(seed)
@@ -38,7 +47,7 @@ def draw(seed: int):
         actuated=np.array([0, 1]),
         column_scale=np.array([1.0, LENGTH, 1.0, LENGTH, LENGTH]),
     )
-    plan = SimpleNamespace(
+    plan = Plan(
         robot=robot,
         period=PERIOD,
         torque=rng.normal(size=(K, N_A)),
