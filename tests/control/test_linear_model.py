@@ -3,6 +3,7 @@
 import importlib.util
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -183,6 +184,22 @@ def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted(
     assert 1 / 1.5 < predicted / simulated < 1.5
 
 
+@pytest.mark.parametrize(
+    ("flexibility", "told_apart"),
+    [
+        ("rigid", ["motors", "motors elbows", "platform"]),
+        ("flexible_joints", ["motors", "motors links", "motors elbows", "motors links elbows", "platform"]),
+    ],
+)
+def test_sets_of_sensors_that_read_the_same_are_predicted_once(flexibility, told_apart):
+    """Behind a rigid drive an encoder reads what the motor's own does, in whatever order they are named."""
+    robot = robots.load("five_bar", flexibility=flexibility)
+    models = SimpleNamespace(tune_lqg=lambda loop: (None, loop.sensors))
+    sets = ["motors", "motors links", "motors elbows", "elbows motors", "motors links elbows", "platform"]
+    given = {"sets": sets, "models": models}
+    assert predict_by_sensors(SimpleNamespace(robot=robot), LOOP, WRONG, **given) == told_apart
+
+
 @pytest.mark.slow
 def test_more_sensors_never_deviate_more_and_the_least_that_pass_are_named():
     ref = reference("delta", "pick", "flexible_joints", 2e-3)
@@ -280,6 +297,9 @@ def test_sensors_are_read_by_name_and_refused_by_name():
     elbows = [
         robot.coordinates.name_of(c) for c in range(robot.nv) if "elbow" in robot.coordinates.name_of(c)
     ]
+    for names in ("motors", "motors links elbows", "platform", "motors imu", "joints"):
+        seen = sensors_of(robot, ControlLoop(sensors=names)).see_platform
+        assert seen == (names in ("platform", "motors imu", "joints"))
     one = sensors_of(robot, ControlLoop(sensors=f"motors elbows:{elbows[0]}", counts=100))
     assert one.S.shape == (3, robot.nv)
     np.testing.assert_allclose(one.step[:2] * robot.gear_ratio, 2 * np.pi / 100)

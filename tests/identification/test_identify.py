@@ -18,7 +18,7 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.least_squares import posterior_root
-from framework.identification.measured_motion import measured_motion, smooth
+from framework.identification.measured_motion import MIN_SAMPLES, measured_motion, smooth
 from framework.identification.recording import HELD_OUT_EVERY
 from framework.identification.unknowns import choose_unknowns, rests_on_data
 from framework.numerics.arrays import Array
@@ -413,6 +413,10 @@ def test_the_working_mode_is_that_of_the_first_row_or_of_start():
     expected = measured_motion(other, data).motion.q
     found = measured_motion(robot, data)
     np.testing.assert_allclose(found.motion.q, expected, rtol=0, atol=1e-9)
+    # also where the motors do not lead there
+    begin = Recording("begin", data.names, data.values[:MIN_SAMPLES])
+    found = measured_motion(robot, begin, poses="platform")
+    np.testing.assert_allclose(found.motion.q, expected[:MIN_SAMPLES], atol=1e-2)  # modes are 0.5 apart
     motors = Recording("motors", data.names[:5], data.values[:, :5])
     names = [robot.coordinates.name_of(int(k)) for k in robot.passive]
     start = dict(zip(names, other.coordinates.positions(expected[:1])[0, robot.passive] + 0.05, strict=True))
