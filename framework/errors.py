@@ -253,8 +253,9 @@ def real_numbers(what: str, given: ArrayLike) -> Array:
     if type(given) is np.ndarray and given.dtype == float:
         return given
     try:
-        if not np.iscomplexobj(given):  # whose imaginary parts numpy would drop
-            return np.asarray(given, dtype=float)
+        numbers = np.asarray(given)
+        if numbers.dtype.kind not in "cSU":  # numpy would drop imaginary parts, and read texts
+            return numbers.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
         pass
     raise InvalidInput(f"{what}: needs real numbers, got {_CUT.repr(given)}")

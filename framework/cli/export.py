@@ -169,7 +169,8 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
     lines = [
         "lqg as a table",
         f"described in {file.with_suffix('.json').name}, run by {program.name}",
-        f"predicted standard deviation of the platform: {prediction.platform:.2g} robot lengths or rad",
+        f"predicted standard deviation of the platform, not tried: {prediction.platform:.2g} robot lengths "
+        "or rad",
     ]
     return plan.robot, texts, lines
 

@@ -4,7 +4,8 @@
 
 The prediction is linear: it knows payload, friction, springs, the known delay, and the steps and noise of
 sensors. It does not know places of joints, unknown delays, limits of torques, and errors so large that the
-dynamics are no longer those about the plan.
+dynamics are no longer those about the plan. So it is an estimate, of fast loops sometimes far too small: runs
+decide.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from framework.control.closed_loop import MAX_DEVIATION, torque_range
 from framework.control.controllers import Controller, FeedforwardPD, motor_gains
-from framework.control.deviation import Feedback, Plant, closed_loop_deviation
+from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_variants
 from framework.control.reference import Reference
 from framework.control.regulators import (
@@ -152,13 +153,15 @@ class LinearModels(NamedTuple):
         if controller.sensors is None and not sensors_of(robot, loop).state:
             return None
         # disturbances that the controller does not know have no gains
-        added = (0, models[0].A.shape[1] - controller.gain.shape[2])
-        gain = np.pad(controller.gain, ((0, 0), (0, 0), added))
-        observer = controller.observer._replace(
-            gain=np.pad(controller.observer.gain, ((0, 0), added, (0, 0)))
-        )
+        m, names = models[0].m, models[0].names
+        known = [*range(2 * m), *(2 * m + names.index(name) for name in controller.model.names)]
+        size = 2 * m + len(names)
+        gain = np.zeros((*controller.gain.shape[:2], size))
+        gain[:, :, known] = controller.gain
+        observer_gain = np.zeros((len(gain), size, controller.observer.gain.shape[2]))
+        observer_gain[:, known] = controller.observer.gain
         plants = [plant_with_readings(model, controller.sensors, robot.n) for model in models]
-        return Feedback(gain, controller.delay, observer), plants
+        return Feedback(gain, controller.delay, Observer(observer_gain, controller.observer.noise)), plants
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
         """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to do well at all ends.

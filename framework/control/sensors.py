@@ -3,7 +3,8 @@
 Sensors are named by kind:
 
     motors    encoders of the motors
-    links     encoders behind the springs of the drives: motor's joint plus deflections of its drive
+    links     encoders behind the springs of the drives: motor's joint plus deflections of its drive; a
+              drive without a spring of its own has this encoder on its motor's joint
     elbows    encoders on all passive hinges and slides; elbows:JOINT is that of one of them
     platform  the pose of the platform
     imu       accelerations of the platform

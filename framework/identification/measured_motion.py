@@ -204,11 +204,12 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
             offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
             return float(motor_distances(robot, offset).max())
 
-        q = robot.reference.q
+        poses: list[Array] = []
         with suppress(NoAnswer):
-            q = assemble(robot, x).q
-        if misfit(q) > MAX_MOTOR_MISFIT:
-            q = min(_pose_modes(robot, tuple(x.tolist())), key=misfit, default=q)
+            poses.append(assemble(robot, x).q)
+        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
+            poses += _pose_modes(robot, tuple(x.tolist()))
+        q = min(poses, key=misfit, default=robot.reference.q)
         if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
             return robot
     else:

@@ -169,7 +169,7 @@ def close_in_place(
     units = robot.column_scale[columns]  # [m] of slides, 1 of turns: steps become dimensionless
     inputs = q if x is None else np.concatenate([q, x], axis=1)
     # indices of the instants that still take steps, at first those with finite inputs
-    live = np.flatnonzero(np.isfinite(inputs).all(axis=1))
+    (live,) = np.nonzero(np.isfinite(inputs).all(axis=1))
     for iteration in range(iterations):
         if not len(live):
             return

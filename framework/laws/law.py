@@ -272,9 +272,9 @@ class Law(ReadOnlyArrays, PlannedLaw):
                 [0, duration]; or conditions contradict or repeat each other.
         """
         check_duration(duration)
-        times = real_numbers("conditions", [time for time, *_ in conditions])  # (k,) [s]
+        numbers = real_numbers("conditions", [(time, value) for time, _, value in conditions])
+        times, stated = numbers.reshape(-1, 2).T  # (k,) [s], (k,) [1/s^order]
         orders = [order for _, order, _ in conditions]
-        stated = real_numbers("conditions", [value for *_, value in conditions])  # (k,) [1/s^order]
         is_valid = np.isfinite(stated) & (times >= 0.0) & (times <= duration)
         if not is_valid.all():
             time, order, value = conditions[int(is_valid.argmin())]

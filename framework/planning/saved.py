@@ -561,7 +561,7 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
         for k, (stated_entry, entry) in enumerate(zip(stated, computed, strict=True)):
             _check_value(f"{key}[{k}]", stated_entry, entry, size)
         return
-    if isinstance(computed, Mapping) or not _values_agree(stated, computed, size):
+    if isinstance(computed, Mapping) or has_entries or not _values_agree(stated, computed, size):
         raise InvalidInput(
             f"{key}: the file says {short(stated)}, the robot now needs {short(computed)}: the robot has "
             f"changed since; plan again"

@@ -3,6 +3,7 @@
 import importlib.util
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -159,6 +160,15 @@ def test_on_its_plan_a_controller_asks_for_the_torque_of_the_period_in_which_it_
         np.testing.assert_allclose(controller.torque(k, on_plan)[0], ref.period_torque[acts], atol=1e-12)
 
 
+def test_errors_that_a_controller_does_not_know_are_predicted_as_those_that_its_filter_does_not_estimate():
+    ref = reference("five_bar", "C", "rigid", 1e-2)
+    wrong, loop = Spread(payload=0.3, friction=0.05), ControlLoop()
+    narrow = tuned_controller("lqg", ref, loop=loop, spread=Spread(friction=0.05))
+    wide = tuned_controller("lqg", ref, loop=loop, spread=wrong, tuning=Tuning(estimates=("friction",)))
+    ours, other = (predict("lqg", each, loop, wrong) for each in (narrow, wide))
+    np.testing.assert_allclose([ours.platform, ours.torque], [other.platform, other.torque], rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted():
     """Scene C with wrong payload, springs and friction, 1 ms late, torques of 1.2 times the peak."""
@@ -172,6 +182,22 @@ def test_wrong_elastic_robots_pass_with_a_delay_and_are_as_far_off_as_predicted(
     simulated = np.sqrt((off**2).mean(axis=1)).max()
     predicted = predict("lqg", controller, loop, WRONG).platform
     assert 1 / 1.5 < predicted / simulated < 1.5
+
+
+@pytest.mark.parametrize(
+    ("flexibility", "told_apart"),
+    [
+        ("rigid", ["motors", "motors elbows", "platform"]),
+        ("flexible_joints", ["motors", "motors links", "motors elbows", "motors links elbows", "platform"]),
+    ],
+)
+def test_sets_of_sensors_that_read_the_same_are_predicted_once(flexibility, told_apart):
+    """Behind a rigid drive an encoder reads what the motor's own does, in whatever order they are named."""
+    robot = robots.load("five_bar", flexibility=flexibility)
+    models = SimpleNamespace(tune_lqg=lambda loop: (None, loop.sensors))
+    sets = ["motors", "motors links", "motors elbows", "elbows motors", "motors links elbows", "platform"]
+    given = {"sets": sets, "models": models}
+    assert predict_by_sensors(SimpleNamespace(robot=robot), LOOP, WRONG, **given) == told_apart
 
 
 @pytest.mark.slow
@@ -271,6 +297,9 @@ def test_sensors_are_read_by_name_and_refused_by_name():
     elbows = [
         robot.coordinates.name_of(c) for c in range(robot.nv) if "elbow" in robot.coordinates.name_of(c)
     ]
+    for names in ("motors", "motors links elbows", "platform", "motors imu", "joints"):
+        seen = sensors_of(robot, ControlLoop(sensors=names)).see_platform
+        assert seen == (names in ("platform", "motors imu", "joints"))
     one = sensors_of(robot, ControlLoop(sensors=f"motors elbows:{elbows[0]}", counts=100))
     assert one.S.shape == (3, robot.nv)
     np.testing.assert_allclose(one.step[:2] * robot.gear_ratio, 2 * np.pi / 100)

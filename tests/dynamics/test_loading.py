@@ -9,6 +9,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, NoLaw, assemble, plan_crossing
+from framework.dynamics import loading
 from framework.dynamics.loaded_balance import DeflectedMotion
 from framework.dynamics.loaded_measure import measure_softening
 from framework.dynamics.loading import LoadReason, loaded_stack
@@ -84,6 +85,23 @@ def test_loads_that_cannot_be_are_refused_and_absurd_ones_are_not_carried(robot)
         loaded_stack(robots.load("five_bar"), robots.load("five_bar").reference.q[None])
     found = loaded_stack(robot, robot.reference.q[None], wrench=[0.0, 1e9])  # a kilometre away
     assert found.reason[0] in (LoadReason.GIVES_WAY, LoadReason.TOO_SOFT)
+
+
+def test_a_load_is_carried_in_another_mode_where_the_end_has_its_sign(robot, monkeypatch):
+    """What gives way gives way in any mode."""
+    start = [assemble(robot, [0.01, y]).q for y in (0.36, 0.27)]
+    modes, calls = loading.mode_signs, []
+
+    def flipped(robot, linearised):
+        calls.append(linearised)
+        kept, sign = modes(robot, linearised)
+        return kept, sign if len(calls) % 2 else -sign  # of the start, then of the end
+
+    for flip, carried in ((False, LoadReason.CARRIED), (True, LoadReason.OTHER_MODE)):
+        if flip:
+            monkeypatch.setattr(loading, "mode_signs", flipped)
+        found = loaded_stack(robot, np.array(start), wrench=[0.0, -300.0])
+        assert found.reason.tolist() == [carried, LoadReason.GIVES_WAY]
 
 
 def truss(y, locked, load, *, lib=np):

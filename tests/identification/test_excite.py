@@ -12,6 +12,7 @@ from framework.identification.base_parameters import (
     torque_parameters,
     with_masses_and_motors,
 )
+from framework.identification.excite import PeriodicMotion, _Design
 from framework.kinematics.linearised_loops import clearance, linearised_at, linearised_at_reference
 
 SENSORS = Sensors(rate=250.0)
@@ -112,3 +113,23 @@ def test_the_command_writes_the_motion(tmp_path, capsys):
     assert "left_tip.mass" in report
     assert "forward simulation" in report
     assert file.read_text().startswith("time,motor_angle_left_motor")
+
+
+def test_what_a_motion_leaves_unknown_is_what_its_motors_that_work_leave():
+    """The covariance of unit normals z after noisy torques, by its inverse; an idle motor tells nothing."""
+    rng = np.random.default_rng(4)
+    T, motors, r, k = 5, 3, 4, 3
+    columns, rows = rng.normal(size=(r, k)), rng.normal(size=(T, motors, r))
+    torque = rng.normal(size=(T, motors))
+    columns[2] = 0.0  # a base parameter that is known
+    rows[:, 1], torque[:, 1] = 0.0, 0.0  # a motor that moves nothing
+    design = _Design(ROBOT, None, columns, 0.3, *[None] * 6)
+    angles = np.zeros((T, motors))
+    motion = PeriodicMotion(np.arange(T), None, None, angles, angles, torque, angles, rows)
+    information = np.eye(k)
+    for motor in (0, 2):
+        by_z = rows[:, motor] @ columns / (0.3 * np.abs(torque[:, motor]).max())
+        information += by_z.T @ by_z
+    known = [0, 1, 3]
+    left = np.diag(columns @ np.linalg.inv(information) @ columns.T) / np.diag(columns @ columns.T + 1e-300)
+    np.testing.assert_allclose(design.deviation_shares(motion), np.sqrt(left[known]), rtol=1e-10)

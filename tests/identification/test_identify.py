@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
+from framework import InvalidInput, NotAssembled, ParallelRobot, Type2Singularity, plan_scene
 from framework.cli import main
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.identification import Conversions, Identification, Recording, identify
@@ -18,9 +18,11 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.least_squares import posterior_root
-from framework.identification.measured_motion import measured_motion, smooth
+from framework.identification.measured_motion import MIN_SAMPLES, measured_motion, smooth
 from framework.identification.recording import HELD_OUT_EVERY
 from framework.identification.unknowns import choose_unknowns, rests_on_data
+from framework.numerics.arrays import Array
+from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from tests.benchmarks.intervals import MOTIONS, exact_motors, measure_coverage, record, true_robot
 from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
@@ -393,10 +395,11 @@ def test_accelerations_are_not_known_at_the_ends_and_in_a_gap():
     assert 0.9 < known.mean() < 1.0
 
 
-def in_another_mode(robot: ParallelRobot) -> ParallelRobot:
-    """The robot with its reference in another working mode, at the same pose of the platform."""
-    modes = working_modes(robot, robot.reference.x).modes
-    q = next(mode.q for mode in modes if np.abs(mode.q - robot.reference.q).max() > 0.5)
+def in_another_mode(robot: ParallelRobot, modes: list[Array] | None = None) -> ParallelRobot:
+    """The robot with its reference in another mode, by default a working mode at the same platform pose."""
+    if modes is None:
+        modes = [mode.q for mode in working_modes(robot, robot.reference.x).modes]
+    q = next(q for q in modes if np.abs(q - robot.reference.q).max() > 0.5)
     names = {k: robot.coordinates.name_of(k) for k in range(robot.nv)}
     positions = dict(zip(names.values(), robot.coordinates.positions(q[None])[0].tolist(), strict=True))
     return ParallelRobot.from_description(replace(robot.description, reference=positions))
@@ -410,6 +413,10 @@ def test_the_working_mode_is_that_of_the_first_row_or_of_start():
     expected = measured_motion(other, data).motion.q
     found = measured_motion(robot, data)
     np.testing.assert_allclose(found.motion.q, expected, rtol=0, atol=1e-9)
+    # also where the motors do not lead there
+    begin = Recording("begin", data.names, data.values[:MIN_SAMPLES])
+    found = measured_motion(robot, begin, poses="platform")
+    np.testing.assert_allclose(found.motion.q, expected[:MIN_SAMPLES], atol=1e-2)  # modes are 0.5 apart
     motors = Recording("motors", data.names[:5], data.values[:, :5])
     names = [robot.coordinates.name_of(int(k)) for k in robot.passive]
     start = dict(zip(names, other.coordinates.positions(expected[:1])[0, robot.passive] + 0.05, strict=True))
@@ -417,6 +424,21 @@ def test_the_working_mode_is_that_of_the_first_row_or_of_start():
     np.testing.assert_allclose(found.motion.q, expected, rtol=0, atol=1e-9)
     with pytest.raises(InvalidInput, match="unknown joint of --start 'knee'"):
         measured_motion(robot, motors, start={"knee": 1.0})
+
+
+def test_a_first_row_with_the_references_motors_in_another_assembly_mode_is_found(monkeypatch):
+    """Also where no path of the platform leads there."""
+    robot = NOMINAL["five_bar_heavy"]
+    angles = robot.actuated_coordinates(robot.reference.q[None])[0]
+    other = in_another_mode(robot, [mode.q for mode in assembly_modes(robot, angles).modes])
+    data = sines(other, duration=1.0, **SINES)
+
+    def refuse(*_: object) -> None:
+        raise NotAssembled("no path leads there", q=robot.reference.q, residual=1.0)
+
+    monkeypatch.setattr("framework.identification.measured_motion.assemble", refuse)
+    found = measured_motion(robot, data).motion.q
+    np.testing.assert_allclose(found, measured_motion(other, data).motion.q, rtol=0, atol=1e-9)
 
 
 def test_a_zero_that_is_off_is_named_with_its_value_and_taken_by_the_option():

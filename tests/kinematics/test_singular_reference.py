@@ -28,6 +28,7 @@ from framework import (
 from framework.cli import main
 from framework.kinematics import parallel_robot
 from framework.kinematics.assembly import nearby_configurations
+from framework.kinematics.diagnostics.mobility import BESIDE_SINGULARITY, motions_near_reference
 from framework.kinematics.loop_structure import jacobians_apart
 from framework.model.readers import read_any
 from framework.model.robot_file_writer import write_robot_file
@@ -106,6 +107,17 @@ def test_check_says_so_and_describes_a_pose_beside():
     again = check_robot(mechanism(*found.reference.values()))  # what is printed may be pasted
     assert again.advice == found.advice[1:]
     assert again.mobility == 1
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-0.2, 13.0), (-13.0, 0.05), (-0.2, 0.05)])
+def test_the_pose_beside_is_within_the_ranges_of_the_joints(lower, upper):
+    """The flat pose can be left upwards and downwards, on either branch."""
+    first, rest = FLAT.urdf_text.split('lower="-13" upper="13"', 1)
+    ranged = replace(FLAT, urdf_text=f'{first}lower="{lower}" upper="{upper}"{rest}')
+    found = motions_near_reference(replace(ranged, reference=dict.fromkeys(FLAT.reference, 0.0)))
+    assert lower < found.q[0] < upper
+    assert BESIDE_SINGULARITY in found.remarks
+    assert not any("ranges" in remark for remark in found.remarks)
 
 
 def test_the_command_line_refuses_in_one_line(tmp_path, capsys):

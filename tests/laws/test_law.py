@@ -124,6 +124,8 @@ def test_the_printed_coefficients_cannot_be_used_as_they_are():
         ([Condition(np.nan, 0, 0)], 1.0, "must be finite"),
         ([Condition(2.0, 0, 0)], 1.0, r"2\.0.*inside \[0, 1\] s"),
         ([Condition(-0.1, 0, 0)], 1.0, r"inside \[0, 1\] s"),
+        ([Condition(0, 0, "1")], 1.0, r"conditions: needs real numbers, got \[\(0, '1'\)\]"),
+        ([Condition(0, 0, [1, 2])], 1.0, "conditions: needs real numbers"),
         ([Condition(0, 0, 0)], 0.0, r"duration: must be a positive number of seconds, got 0\.0"),
         ([Condition(0, 0, 0)], -1.0, "duration.*-1"),
         ([Condition(0, 0, 0)], np.nan, "duration.*nan"),

@@ -27,6 +27,16 @@ def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
     assert found.force < 1e-8  # beside the locus |g| is 1e-5 and less, and the torques are rounded by as much
 
 
+def test_a_speed_that_is_given_is_kept_however_slow():
+    """Without it a polynomial of a twentieth of the mean speed is replaced by the optimal law."""
+    path = Line([0.06, 0.28], [-0.02, 0.2])
+    plan = plan_crossing(robots.load("five_bar"), path, duration=1.0, speeds=[0.05])
+    (crossing,) = plan.crossings
+    assert plan.law.kind == "polynomial"
+    assert crossing.speed == 0.05
+    assert plan.law(crossing.time, 1) == pytest.approx(0.05, rel=1e-9)
+
+
 BESIDE = Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4])
 
 

@@ -194,6 +194,29 @@ def test_poses_are_counted_by_all_joints_where_the_motor_is_the_platform(tmp_pat
     assert found.complete
 
 
+def test_poses_are_counted_by_hinges_that_carry_no_frame(tmp_path):
+    """A chain whose end is pinned to the base: its middle hinge alone tells where two circles meet."""
+    crank, coupler, rocker, angle, foot = 0.1, 0.29, 0.2, 0.9, np.array([0.3, 0.0])
+    pin = crank * np.array([np.cos(angle), np.sin(angle)])
+    elements = (
+        joint("crank", "base", mass=1)
+        + joint("coupler", "crank_link", (crank, 0, 0), mass=1)
+        + joint("rocker", "coupler_link", (coupler, 0, 0), mass=1)
+        + frame("pin", "rocker_link", (rocker, 0, 0))
+        + frame("eye", "base", (*foot, 0))
+    )
+    expected = []
+    for head in circles_meet(pin, coupler, foot, rocker):
+        along, down = (np.arctan2(*np.subtract(b, a)[::-1]) for a, b in ((pin, head), (head, foot)))
+        expected.append({"crank": angle, "coupler": float(along - angle), "rocker": float(down - along)})
+    robot = planar(tmp_path, elements, "crank", expected[0])
+    found = assembly_modes(robot, [angle])
+    assert (len(found.modes), found.complete) == (2, True)
+    turns = [np.exp(1j * np.array(list(robot.reference_values(mode.q).values()))) for mode in found.modes]
+    for one in expected:
+        assert min(np.abs(turn - np.exp(1j * np.array(list(one.values())))).max() for turn in turns) < 1e-9
+
+
 @pytest.mark.parametrize("platform", ["crank", "rocker", "arm"])
 def test_a_chain_of_two_dyads_has_four_poses_whatever_is_called_the_platform(tmp_path, platform):
     """Circles about the crank's pin and the rocker's foot meet twice, and so do two about the dyad's ends."""

@@ -347,19 +347,21 @@ def _check_driven(motions: LoopMotions, partial: PartialRobot) -> None:
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
 
-    to_hold = _choose_joints_to_hold(motions, undriven, partial)
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
-        f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them; name more motors"
+        f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them"
     )
     possible = motions.choose_independent(undriven, partial.tree.movable)  # joints that could have a motor
     if missing := undriven.shape[1] - len(possible):
         joints = partial.tree.joints.values()
         free = [joint.name for joint in joints if joint.moves and len(joint.coordinates) > 1]
-        raise RobotFileError(
-            f"{message.removesuffix('; name more motors')}, and no hinge or slide tells {missing} of these; "
+        message += (
+            f", and no hinge or slide tells {missing} of these; "
             f"they need hinges or slides in the place of {', '.join(free)}"
         )
+    else:
+        message += "; name more motors"
+    to_hold = _choose_joints_to_hold(motions, undriven, partial)
     if not to_hold:
         raise RobotFileError(message)
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -148,15 +149,17 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
     for name in scope.frames:
-        if (link := scope.link_of(name)) in tree.links:
-            tree.add_frame(name, link, invert_placement(scope.placement_of(link)) @ scope.placement_of(name))
+        with suppress(RobotFileError):  # a frame without a place, such as one on a model without a file
+            if (link := scope.link_of(name)) in tree.links:
+                in_link = invert_placement(scope.placement_of(link)) @ scope.placement_of(name)
+                tree.add_frame(name, link, in_link)
     _report_unread_parts(scope, tree, joints)
     tree.left_out += [UnreadElement(text, (link,)) for text, link in detached if link in tree.links]
     tree.remarks += [missing] * bool(scope.unread)
     for joint in joints:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree.movable)
-            tree.reference |= _read_initial_positions(joint)
+            tree.reference |= _read_initial_positions(joint, tree.movable)
         else:
             close_joint(tree, joint)
             _report_cut_properties(tree, joint)
@@ -291,15 +294,17 @@ def _has_property(joint: Element, *properties: str) -> bool:
     return any(joint.find(f"{axis}/{tag}") is not None for axis in _SUFFIXES for tag in properties)
 
 
-def _read_initial_positions(joint: _Joint) -> dict[str, float]:
-    """Read the positions [rad, m] of a joint's motions in <initial_position>, as Drake does."""
-    paths = {suffix: f"{tag}/initial_position" for tag, suffix in _SUFFIXES.items()}
-    where = f"joint {joint.name!r}"
-    return {
-        f"{joint.name}{suffix}": _read_values(joint.element, where, {path: "0"})[0]
-        for suffix, path in paths.items()
-        if joint.element.find(path) is not None
-    }
+def _read_initial_positions(joint: _Joint, names: Sequence[str]) -> dict[str, float]:
+    """Read the positions [rad, m] of a joint's motions in <initial_position>, as Drake does.
+
+    `names` are those of all motions; the axis of a fixed joint has none.
+    """
+    positions = {}
+    for tag, suffix in _SUFFIXES.items():
+        path, name = f"{tag}/initial_position", f"{joint.name}{suffix}"
+        if name in names and joint.element.find(path) is not None:
+            (positions[name],) = _read_values(joint.element, f"joint {joint.name!r}", {path: "0"})
+    return positions
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:

@@ -270,6 +270,7 @@ class SmoothSearch(NamedTuple):
         """
         required = np.isfinite(self.program.problem.stages)
         stages = self.program.problem.stages[required]
+        lengths = np.diff([0.0, *self.program.problem.stops, 1.0])[required]  # in sigma
         # settled from a quick law, others find no cheaper place to wait
         is_quick_near = goal == "curvature" and np.all(stages < MAX_QUICK_RATIO * quick.durations[required])
         if is_quick_near:
@@ -281,7 +282,7 @@ class SmoothSearch(NamedTuple):
             laws = list[Speed]()
             for waits in self._choose_waits(width, goal):
                 # at a constant speed of 0.7 of that with which a wait takes the whole stage
-                highest = np.maximum((0.7 * width / stages) ** 2, 1.01 * floor)  # (m,) [1/s^2]
+                highest = np.maximum((0.7 * width * lengths / stages) ** 2, 1.01 * floor)  # (m,) [1/s^2]
                 cap = np.where(waits, highest[:, None], np.inf).min(axis=0)
                 slow = self.program.minimise(goal, waiting, self.units, floor=floor, cap=cap)
                 if isinstance(slow, Speed):
@@ -361,7 +362,7 @@ class SmoothSearch(NamedTuple):
         direction = z_quick - z_slow
         lowest = LIFTED_SHARE * z_quick
         is_low = z_slow < lowest if not np.isfinite(slow.duration) else z_slow <= 0.0
-        share = float(((lowest - z_slow) / direction)[is_low].max(initial=0.0))
+        share = float(((lowest - z_slow)[is_low] / direction[is_low]).max(initial=0.0))
         for _ in range(MAX_BLEND_STEPS):
             z = z_slow + share * direction
             durations = weights[required] @ z**-0.5

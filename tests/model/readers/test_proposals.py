@@ -320,6 +320,24 @@ def test_motions_that_no_joint_tells_are_not_answered_by_more_motors(tmp_path):
         proposed(tmp_path, text)
 
 
+def test_a_ball_that_carries_the_loop_is_named_to_be_held(tmp_path):
+    """No hinge tells the turns of the ball: holding it is the remedy."""
+    arms = "".join(
+        f'<body name="{side}" pos="{-x} 0 0"><joint name="{side}_motor" axis="0 1 0"/><geom size=".1"/>'
+        f'<body name="{side}_rod" pos="{-0.4 * x} 0 .5"><joint name="{side}_elbow" axis="0 1 0"/>'
+        f'<geom type="capsule" size=".02" fromto="0 0 0 {1.4 * x} 0 .5"/></body></body>'
+        for side, x in (("left", 0.5), ("right", -0.5))
+    )
+    text = (
+        f'<mujoco><worldbody><body><joint name="hip" type="ball"/><geom size=".1"/>{arms}</body></worldbody>'
+        '<equality><connect body1="left_rod" body2="right_rod" anchor=".7 0 .5"/></equality></mujoco>'
+    )
+    motors = ["left_motor", "right_motor"]
+    with pytest.raises(RobotFileError, match=r"\(such as --lock hip\)"):
+        proposed(tmp_path, text, motors=motors)
+    assert proposed(tmp_path, text, motors=motors, locked={"hip": None}).description.platform
+
+
 def test_slides_in_the_loops_are_the_motors_if_there_is_one_for_each_motion(tmp_path):
     """Two hinged slides hold a point: the legs of a plane RPRPR."""
     legs = "".join(

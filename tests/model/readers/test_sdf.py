@@ -472,3 +472,14 @@ def test_a_loop_in_words_between_frames_of_the_file_is_that_of_a_joint(tmp_path)
     assert_same_torques(*plans, within=1e-10)
     with pytest.raises(RobotFileError, match="no loop in it: --close FRAME FRAME KIND closes one"):
         read(tmp_path, text)
+
+
+def test_frames_without_a_place_and_positions_of_fixed_joints_are_left_out(tmp_path):
+    fixed = '<joint name="weld" type="fixed"><parent>left_rod</parent><child>tool</child>{}</joint>'
+    tool = f'<link name="tool">{INERTIAL.format(x=0.1, m=0.1)}</link>'
+    position = "<axis><initial_position>1</initial_position></axis>"
+    lost = '<frame name="lost" attached_to="camera::lens"/>'
+    plain = read(tmp_path, five_bar(tool + fixed.format(""))).description
+    described = read(tmp_path, five_bar(tool + fixed.format(position) + lost)).description
+    assert described.urdf_text == plain.urdf_text
+    assert described.reference == plain.reference

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from scipy.optimize import linprog
 
 import robots
 from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
-from framework.dynamics.torque_distribution import second_differences
+from framework.dynamics.torque_distribution import _SharedMotion, second_differences
+from framework.numerics.chebyshev import TimeGrid
 from framework.planning.optimal.peak_bound import bound_plan
 
 BASES = np.array([[0.0, 0.0], [1.0, 0.0], [0.4, 1.0]])  # of the struts [m]
@@ -149,3 +151,24 @@ def test_elastic_robots_share_by_least_norm_alone():
     elastic = robots.load("standing_quadruped", flexibility="flexible_joints")
     with pytest.raises(InvalidInput, match="torque_sharing"):
         plan_crossing(elastic, Line(np.zeros(6), np.ones(6)), duration=1.0, torque_sharing="free")
+
+
+def test_torques_beside_a_node_are_those_of_their_polynomials_with_the_friction_of_the_node():
+    """At three points of each interval beside a node, in its cell; friction jumps between nodes."""
+    rng = np.random.default_rng(5)
+    grid = TimeGrid(np.array([0.0, 0.3, 1.0]), 6)
+    cells = [[Polynomial(rng.normal(size=6)) for _ in range(2)] for _ in range(2)]  # of two motors
+    times = grid.times.reshape(2, 6)
+    torques = np.concatenate(
+        [np.transpose([p(t) for p in cell]) for cell, t in zip(cells, times, strict=True)]
+    )
+    friction = rng.choice([-0.5, 0.0, 0.5], size=(12, 2))
+    motion = _SharedMotion(None, None, grid, torques, friction, ())
+    expected = np.zeros((12, 2))
+    for cell, node, motor in np.ndindex(2, 6, 2):
+        for other in {max(node - 1, 0), min(node + 1, 5)} - {node}:
+            for part in (0.25, 0.5, 0.75):
+                at = times[cell, node] + part * (times[cell, other] - times[cell, node])
+                size = abs(cells[cell][motor](at) + friction[6 * cell + node, motor])
+                expected[6 * cell + node, motor] = max(expected[6 * cell + node, motor], size)
+    np.testing.assert_allclose(motion._largest_beside(None), expected, rtol=1e-10)
