@@ -169,8 +169,8 @@ def _search_smooth(
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
-            search, smooth = search.find_smooth(similar)
             is_least_known = search.program is program_of_least
+            search, smooth = search.find_smooth(similar, is_least_known=is_least_known)
             if isinstance(smooth, NoneFound) and is_least_known and similar is not None:
                 search, smooth = search.find_smooth()
             if isinstance(smooth, Speed):

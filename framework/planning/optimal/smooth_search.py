@@ -117,11 +117,15 @@ class SmoothSearch(NamedTuple):
         duration_limit = min(specification.longest or np.inf, last_stop + 2.0 * float(quick.durations[-1]))
         return self._replace(duration_limit=duration_limit, units=self.units._replace(time=duration_limit))
 
-    def find_smooth(self, similar: Speed | None = None) -> tuple[SmoothSearch, Speed | NoneFound]:
+    def find_smooth(
+        self, similar: Speed | None = None, *, is_least_known: bool = True
+    ) -> tuple[SmoothSearch, Speed | NoneFound]:
         """Find a smooth law within the bounds, with the required instants, if any.
 
         Args:
             similar: the speed of a similar law.
+            is_least_known: whether the least cost counts all rows of the program. If not, it may be too low
+                for any law within the bounds, and is not raised here for the required instants.
 
         Returns:
             The search, with the least cost at the required instants where it had to be found, and the law.
@@ -139,7 +143,7 @@ class SmoothSearch(NamedTuple):
             if isinstance(law, Speed):
                 starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
         law = self._settle_within(own, starts, similar)
-        if isinstance(law, Speed):
+        if isinstance(law, Speed) or not is_least_known:
             return self, law
 
         # the required durations cost more than the least: find the least that they cost
@@ -173,6 +177,8 @@ class SmoothSearch(NamedTuple):
             goal: of `SpeedProgram.minimise`.
         """
         quick, _floor = self._solve_above_floor(bounds, goal, similar)
+        if isinstance(quick, NoneFound) and similar is not None:  # above another floor there may be one
+            quick, _floor = self._solve_above_floor(bounds, goal)
         if isinstance(quick, NoneFound):
             return quick
         law = self._adjust(quick, BLENDED_DURATION)  # which costs no more than that
