@@ -113,12 +113,20 @@ def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
             raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
         if len(rows) > MAX_DESIGNS:
             raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
-        values = [finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]]
+        values = [finite_numbers(f"{table}: a design", _read_row(row), len(names)) for row in rows[1:]]
         return Designs(names, np.array(values))
     count = math.prod(map(len, declared.values()))
     if count > MAX_DESIGNS:
         raise InvalidInput(f"{file}: {count} designs; at most {MAX_DESIGNS} are studied")
     return Designs(tuple(declared), np.array(list(product(*declared.values())), dtype=float))
+
+
+def _read_row(cells: Sequence[str]) -> list[float] | Sequence[str]:
+    """Return the numbers of a row of a table; the cells themselves if these are no numbers."""
+    try:
+        return [float(cell) for cell in cells]
+    except ValueError:
+        return cells
 
 
 def design_study(
