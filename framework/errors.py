@@ -175,7 +175,7 @@ def check_choice(what: str, given: object, valid: Collection[str]) -> None:
 
 
 def did_you_mean(given: object, valid: Iterable[str], meant: Collection[str] = ()) -> str:
-    """Return the end of a sentence with the names meant, and those valid that resemble; empty without."""
+    """Return the clause that asks whether names meant or similar were intended; empty without any."""
     similar = " or ".join(map(repr, dict.fromkeys([*meant, *nearest(str(given), valid)])))
     return f"; did you mean {similar}?" if similar else ""
 

@@ -122,7 +122,7 @@ def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
 
 
 def _read_row(cells: Sequence[str]) -> list[float] | Sequence[str]:
-    """Return the numbers of a row of a table; the cells themselves if these are no numbers."""
+    """Return the numbers of a row of a table, or the cells if any is no number."""
     try:
         return [float(cell) for cell in cells]
     except ValueError:

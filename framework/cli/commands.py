@@ -223,7 +223,7 @@ class _Help(argparse.HelpFormatter):
 
 
 class _Values(argparse._StoreAction):
-    """Store the values of an option; of one that takes several, those of all places where it stands."""
+    """Store the value of an option; join the lists of a repeated option."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
         earlier = getattr(namespace, self.dest)

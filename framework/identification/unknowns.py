@@ -40,7 +40,7 @@ class Unknowns(NamedTuple):
 
 
 def is_narrowed(deviations: Array, by_prior: Array) -> BoolArray:
-    """Return whether data show quantities: deviations far below those by the file alone."""
+    """Return whether data narrow quantities far below the file's deviations, (p,)."""
     return np.asarray(deviations < NARROWED_SHARE * by_prior)
 
 
@@ -111,7 +111,7 @@ def _free_parameters(base: BaseParameters, links: LinkParameters, only: Sequence
 
 
 def _payload_links(base: BaseParameters, links: LinkParameters) -> list[str]:
-    """Return the massive link of the platform's frame, else those fixed to the frame."""
+    """Return the massive link of the platform's frame, else the links fixed to the frame."""
     robot = base.robot
     frame = robot.model.frames[frame_index(robot.model, robot.description.platform.frame)]
     body = np.flatnonzero(base.described.bodies == frame.parentJoint)

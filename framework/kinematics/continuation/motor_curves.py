@@ -94,7 +94,7 @@ def follow_curves(
         return _motor_equations(robot, linearised_at(robot, q), turn[rows])
 
     first = _motor_equations(robot, linearised.select(copies), turn)
-    progress = _Progress.at_start(robot, curves, first)
+    progress = _Progress.begin(robot, curves, first)
     curves_of_motors = Curves(robot, robot.following, turn, evaluate)
     q, share, reason = curves_of_motors.follow(
         curves.q, curves.share, first, longest=progress.longest, accept=progress.accept
@@ -136,7 +136,7 @@ class _Progress(NamedTuple):
     longest: Array  # (T,) [rad, lengths] largest motion of a joint in the next step
 
     @staticmethod
-    def at_start(robot: ParallelRobot, curves: MotorCurves, first: MotorEquations) -> _Progress:
+    def begin(robot: ParallelRobot, curves: MotorCurves, first: MotorEquations) -> _Progress:
         """Return the state at the starts of T curves."""
         determinants = np.array(np.linalg.slogdet(first.slopes[:, :, :-1]))
         longest = np.full(len(curves.q), LONG_STEP)

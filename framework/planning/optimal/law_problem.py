@@ -123,7 +123,7 @@ class LawProblem(NamedTuple):
         task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
 
-    def without_stops(self) -> LawProblem:
+    def drop_stops(self) -> LawProblem:
         """Return the problem without the required instants inside the path."""
         return self.with_goal(self.specification.goal, times=())._replace(stops=())
 

@@ -138,7 +138,7 @@ class SmoothSearch(NamedTuple):
             return self, self._solve_above_floor(own, similar=similar)[0]
         starts = [] if similar is None else [similar]
         if problem.stops:  # the law that meets the last instant alone may nearly meet the others
-            free = replace(self.program, problem=problem.without_stops())
+            free = replace(self.program, problem=problem.drop_stops())
             _, law = self._replace(program=free).find_smooth()
             if isinstance(law, Speed):
                 starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
