@@ -484,7 +484,7 @@ def _refuse_mistaken_columns(
     start: Mapping[str, float] | None,
 ) -> None:
     """Raise InvalidInput if one change of a column brings the torques near what the file's bodies need."""
-    max_instants = 100
+    max_instants = 48  # of three equations or more, for one unknown and three of each motor
     max_factor = 4.0  # by which all masses in the file may be off, in either direction
     min_moving = 0.2  # share of the equations at instants whose motors move
     from scipy.optimize import lsq_linear  # slow to import
@@ -515,7 +515,7 @@ def _refuse_mistaken_columns(
         if rows is None or robot.n_a > robot.n:
             cutoff = periods / np.ptp(recording.column("time"))
             measured = measured_motion(
-                robot, recording, cutoff=cutoff, poses=poses, start=start, stride=stride
+                robot, recording, cutoff=cutoff, poses=poses, start=start, stride=stride, trial=True
             )
             rows = torque_rows(robot, measured, base, exact_motion=True)
             known[moving] = rows

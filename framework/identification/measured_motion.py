@@ -13,7 +13,6 @@ filtered: the least squares of `identify` averages their noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -97,6 +96,7 @@ def measured_motion(
     poses: str | None = None,
     start: Mapping[str, float] | None = None,
     stride: int = 1,
+    trial: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
     """Compute the recorded motion of all joints, with the torques at its samples.
@@ -108,6 +108,8 @@ def measured_motion(
             or leads elsewhere than measured.
         start: joints' positions near the first row [rad, m], see `_begin_at_first_row`.
         stride: of the samples whose poses are computed; all are smoothed.
+        trial: whether columns are changed on trial: other working modes are not searched, and a platform that
+            contradicts the motors is refused.
         progress: called with the number of poses computed from the motors.
 
     Raises:
@@ -120,7 +122,7 @@ def measured_motion(
     times = data.column("time")
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    robot = _begin_at_first_row(robot, data, start or {})
+    robot = _begin_at_first_row(robot, data, start or {}, search_modes=not trial)
     torque = _read_torques(robot, data)[::stride]
     joints = smooth(times, _read_motor_joints(robot, data), cutoff, stride)
 
@@ -140,6 +142,8 @@ def measured_motion(
         x = data.columns("platform", robot.axis_names)[::stride]
         offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (T, n)
         if np.abs(offset).max() > MAX_MOTOR_MISFIT:
+            if trial:
+                raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             motion = None
     if motion is None:
         source = "platform"
@@ -222,15 +226,17 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
-def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:
+def _begin_at_first_row(
+    robot: ParallelRobot, data: Recording, start: Mapping[str, float], *, search_modes: bool
+) -> ParallelRobot:
     """Return the robot with the pose of the first row as its reference.
 
     The pose is that of joints in `start`, else of columns joint_NAME, else of the measured platform: of its
-    working modes the one that has the motors where they are. Motors alone leave the reference. Assembly and
-    working mode may differ from those of the file.
+    working modes (without a search that of the reference) the one that has the motors where they are. Motors
+    alone leave the reference. Assembly and working mode may differ from those of the file.
 
     Raises:
-        InvalidInput: `start` has an unknown joint.
+        InvalidInput: `start` has an unknown joint; without a search, motors contradict the platform.
         NotAssembled: the loops do not close near these joints.
     """
     single = {robot.coordinates.name_of(k): k for k in sorted(single_columns(robot.model))}
@@ -245,26 +251,35 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
         description = replace(robot.description, reference=stated)
         q = ParallelRobot.from_description(description).reference.q
     elif data.has("platform", robot.axis_names):
-        x = data.columns("platform", robot.axis_names)[0]
+        x = tuple(data.columns("platform", robot.axis_names)[0].tolist())
 
         def misfit(q: Array) -> float:
             """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
             offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
             return float(motor_distances(robot, offset).max())
 
-        poses: list[Array] = []
-        with suppress(NoAnswer):
-            poses.append(assemble(robot, x).q)
-        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
-            poses += _pose_modes(robot, tuple(x.tolist()))
+        poses = _reference_mode(robot, x)
+        if search_modes and (not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT):
+            poses += _pose_modes(robot, x)
         q = min(poses, key=misfit, default=robot.reference.q)
         if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
+            if not search_modes:
+                raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             return robot
     else:
         return robot
     frames = frames_at(robot, q[None])
     pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
     return replace(robot, reference=pose)
+
+
+@lru_cache(maxsize=4)
+def _reference_mode(robot: ParallelRobot, x: tuple[float, ...]) -> tuple[Array, ...]:
+    """Find the pose (nq,) at platform coordinates x (n,) in the reference's mode; none out of reach."""
+    try:
+        return (assemble(robot, x).q,)
+    except NoAnswer:
+        return ()
 
 
 @lru_cache(maxsize=4)
