@@ -138,14 +138,15 @@ def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
             yield from (Conversions(units={column: unit}) for unit, value in units.items() if value != 1.0)
             if kind != "time":
                 yield Conversions(signs={column: -1.0})
-        yield from (Conversions(swaps={one: other}) for one, other in combinations(names, 2))
+        pairs = [pair for pair in combinations(names, 2) if _units_of(pair[0]) is _units_of(pair[1])]
+        yield from (Conversions(swaps={one: other}) for one, other in pairs)
     if "torque" in kinds:  # a motor that turns the other way, or two whose plugs are exchanged
         motors = [name.removeprefix("torque_") for name in data.names if _kind_of(name) == "torque"]
-        pairs = {joint: (f"motor_angle_{joint}", f"torque_{joint}") for joint in motors}
-        for pair in pairs.values():
-            yield Conversions(signs=dict.fromkeys(pair, -1.0))
+        both = {joint: (f"motor_angle_{joint}", f"torque_{joint}") for joint in motors}
+        for columns in both.values():
+            yield Conversions(signs=dict.fromkeys(columns, -1.0))
         for one, other in combinations(motors, 2):
-            yield Conversions(swaps=dict(zip(pairs[one], pairs[other], strict=True)))
+            yield Conversions(swaps=dict(zip(both[one], both[other], strict=True)))
 
 
 def refuse_mistaken_columns(

@@ -13,8 +13,8 @@ filtered: the least squares of `identify` averages their noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,9 +106,9 @@ def measured_motion(
         poses: "motors" computes poses from the motor angles, "platform" from measured platform coordinates,
             which works at Type 2 singularities too. The default is "motors", then "platform" if that fails
             or leads elsewhere than measured.
-        start: joints' positions near the first row [rad, m], see `_begin_at_first_row`.
+        start: joints' positions near the first row [rad, m], see `begin_at_first_row`.
         stride: of the samples whose poses are computed; all are smoothed.
-        trial: whether columns are changed on trial: other working modes are not searched, and a platform that
+        trial: whether columns are changed on trial: the motion begins near the reference, and a platform that
             contradicts the motors is refused.
         progress: called with the number of poses computed from the motors.
 
@@ -122,7 +122,8 @@ def measured_motion(
     times = data.column("time")
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    robot = _begin_at_first_row(robot, data, start or {}, search_modes=not trial)
+    if not trial:
+        robot = begin_at_first_row(robot, data, start or {})
     torque = _read_torques(robot, data)[::stride]
     joints = smooth(times, _read_motor_joints(robot, data), cutoff, stride)
 
@@ -148,6 +149,9 @@ def measured_motion(
     if motion is None:
         source = "platform"
         smoothed = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
+        first = (smoothed.values[0, 0] - robot.reference.x) / robot.platform_scale
+        if trial and np.abs(first).max() > 1.0:  # a robot length or a radian away
+            raise InvalidInput(f"{data.source}: the platform begins far from the reference")
         motion = _motion_of_platform(robot, smoothed.values)
         misfit = _motor_misfit(robot, data, motion, joints.values[0])
     return MeasuredMotion(
@@ -226,17 +230,15 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
-def _begin_at_first_row(
-    robot: ParallelRobot, data: Recording, start: Mapping[str, float], *, search_modes: bool
-) -> ParallelRobot:
+def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:
     """Return the robot with the pose of the first row as its reference.
 
     The pose is that of joints in `start`, else of columns joint_NAME, else of the measured platform: of its
-    working modes (without a search that of the reference) the one that has the motors where they are. Motors
-    alone leave the reference. Assembly and working mode may differ from those of the file.
+    working modes the one that has the motors where they are. Motors alone leave the reference. Assembly and
+    working mode may differ from those of the file.
 
     Raises:
-        InvalidInput: `start` has an unknown joint; without a search, motors contradict the platform.
+        InvalidInput: `start` has an unknown joint.
         NotAssembled: the loops do not close near these joints.
     """
     single = {robot.coordinates.name_of(k): k for k in sorted(single_columns(robot.model))}
@@ -251,41 +253,26 @@ def _begin_at_first_row(
         description = replace(robot.description, reference=stated)
         q = ParallelRobot.from_description(description).reference.q
     elif data.has("platform", robot.axis_names):
-        x = tuple(data.columns("platform", robot.axis_names)[0].tolist())
+        x = data.columns("platform", robot.axis_names)[0]
 
         def misfit(q: Array) -> float:
             """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
             offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
             return float(motor_distances(robot, offset).max())
 
-        poses = _reference_mode(robot, x)
-        if search_modes and (not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT):
-            poses += _pose_modes(robot, x)
+        poses: list[Array] = []
+        with suppress(NoAnswer):
+            poses.append(assemble(robot, x).q)
+        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
+            poses += (mode.q for mode in working_modes(robot, np.array(x)).modes)
         q = min(poses, key=misfit, default=robot.reference.q)
         if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
-            if not search_modes:
-                raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             return robot
     else:
         return robot
     frames = frames_at(robot, q[None])
     pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
     return replace(robot, reference=pose)
-
-
-@lru_cache(maxsize=4)
-def _reference_mode(robot: ParallelRobot, x: tuple[float, ...]) -> tuple[Array, ...]:
-    """Find the pose (nq,) at platform coordinates x (n,) in the reference's mode; none out of reach."""
-    try:
-        return (assemble(robot, x).q,)
-    except NoAnswer:
-        return ()
-
-
-@lru_cache(maxsize=4)
-def _pose_modes(robot: ParallelRobot, x: tuple[float, ...]) -> tuple[Array, ...]:
-    """Find the poses (nq,) of all working modes at platform coordinates x (n,)."""
-    return tuple(mode.q for mode in working_modes(robot, np.array(x)).modes)
 
 
 # ------------------------------------------------------------------ smoothing

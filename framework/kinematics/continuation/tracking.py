@@ -100,6 +100,7 @@ def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
         return close_loops(robot, x[None], reference.q[None]).linearised, 1
     start = linearised_at_reference(robot)
     segment = Line(reference.x, x)
+    _check_turns(robot, segment)
     followed = _follow_to_end(robot, segment, start, "the way from the reference to the point")
     steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
     return followed.last.linearised, steps
@@ -134,7 +135,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 
 
 def _check_turns(robot: ParallelRobot, path: Path) -> None:
-    """Refuse a path on which a coordinate of the platform turns by more than MAX_TURNS."""
+    """Raise InvalidInput if a coordinate of the platform turns by more than MAX_TURNS."""
     if robot.translations.all():
         return
     travel = np.abs(np.diff(path(np.linspace(0.0, 1.0, 201)), axis=0)).sum(axis=0)  # (n,) [m, rad]
