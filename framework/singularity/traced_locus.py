@@ -176,10 +176,10 @@ def _trace_branches(
         curve = trace_curve(equations, start, region.contains, longest)
         along = curve.points
         changes = np.flatnonzero(along.determinant[1:] * along.determinant[:-1] < 0)  # of det [dF/du ; t']
-        crossings = [branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
+        crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
         curves.append((curve, crossings))
         for crossing in crossings:
-            branches = points_on_crossing_curve(equations, crossing)
+            branches = _points_on_crossing_curve(equations, crossing)
             starts += [point for point in branches if region.contains(point.q)[0]]
     return curves
 
@@ -287,39 +287,26 @@ def root_between(
     return root
 
 
-def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
+def _branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
     """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
 
     The determinant is reduced to BRANCH_POINT_RATIO only, as the corrector loses digits closer by. If no
     point between the two can be computed, the neighbour with the smaller determinant is returned.
     """
-
-    def measure(point: Points) -> float:
-        """Return det [dF/du ; t'], zero at the branch point."""
-        return float(point.determinant[0])
-
-    small = BRANCH_POINT_RATIO * max(abs(measure(start)), abs(measure(end)))
-    root = root_between(equations, start, end, measure, small=small)
-    if root is not None:
-        return root
-    return min(end, start, key=lambda point: abs(measure(point)))
+    nearer = min(end, start, key=lambda point: abs(float(point.determinant[0])))
+    small = BRANCH_POINT_RATIO * max(abs(float(point.determinant[0])) for point in (start, end))
+    # det [dF/du ; t'] is zero at the branch point
+    root = root_between(equations, start, end, lambda point: float(point.determinant[0]), small=small)
+    return nearer if root is None else root
 
 
-def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side."""
-    tangent = _second_tangent(equations, crossing)
-    if tangent is None:
-        return []
-    starts = join([crossing._replace(tangent=direction[None]) for direction in (tangent, -tangent)])
-    points, arrives = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
-    return [points.single(k) for k in np.flatnonzero(arrives)]
-
-
-def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point `crossing`; None if not real.
+def _points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
+    """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. On the null space this is a quadratic form of two variables.
+    the left null vector of F'. On the null space this is a symmetric form of two variables. With its values
+    -a^2 and b^2 along the principal axes n_1, n_2 it is zero along b n_1 + a n_2 and b n_1 - a n_2. A
+    definite form has no such directions: the other curve is not real.
     """
     svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border, crossing.bases).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
@@ -328,28 +315,19 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
     slopes = equations.evaluate(equations.move(centre.q, steps), centre.border, centre.bases).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
-    # (2, 2) matrix of y . F"(w, w); symmetric up to the error of the differences
-    form = left_null @ changes @ null_space.T
-
-    tangents = _zero_directions(form) @ null_space
-    if not len(tangents):
-        return None
-    other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
-    return other / np.linalg.norm(other)
-
-
-def _zero_directions(form: Array) -> Array:
-    """Find the two directions, the rows of (2, 2), in which a symmetric form (2, 2) is zero.
-
-    In the principal axes n_1, n_2 with the values -a^2 and b^2, they are b n_1 + a n_2 and b n_1 - a n_2. A
-    definite form has no such directions, (0, 2).
-    """
+    form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
     (negative, positive), axes = np.linalg.eigh(form)
     if negative >= 0.0 or positive <= 0.0:
-        return np.zeros((0, 2))
-    n_1, n_2 = axes.T
+        return []
+    n_1, n_2 = axes.T @ null_space  # (k,) unit vectors
     a, b = np.sqrt([-negative, positive])
-    return np.array([b * n_1 + a * n_2, b * n_1 - a * n_2])
+    tangents = [b * n_1 + a * n_2, b * n_1 - a * n_2]
+    other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
+    other /= np.linalg.norm(other)
+
+    starts = join([crossing._replace(tangent=direction[None]) for direction in (other, -other)])
+    points, arrives = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
+    return [points.single(k) for k in np.flatnonzero(arrives)]
 
 
 class Region(NamedTuple):
