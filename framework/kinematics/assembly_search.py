@@ -122,7 +122,7 @@ def can_close(
     if near_platform is not None:
         groups = [_whole_group(free, lower, upper, near_platform)]
     try:
-        misses = [group.miss(_find_nearest_offsets(group)) for group in groups]
+        misses = [group.residual(_find_nearest_offsets(group))[group.gaps.stop :] for group in groups]
     except NotAssembled:
         return False
     return bool(np.abs(np.concatenate(misses)).max(initial=0.0) < LOOP_GAP)
@@ -145,39 +145,36 @@ class _Group:
     platform: PlatformCoordinates | None = None  # that is to come near to a target
     target: Array | None = None  # (n,) its coordinates there
 
-    def gap(self, u: Array) -> Array:
-        """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
+    def residual(self, u: Array) -> Array:
+        """Compute all residuals (m + 3 d + n,) at u [robot lengths or rad].
+
+        They are m loop equations, d direction gaps, and the offset of the platform from a target; n = 0
+        without one.
+        """
         frames = self._frames(u)
         equations = scaled_equations(self.mechanism, self.rows, frames)
-        return np.concatenate([equations.residual[0], direction_gaps(self.directions, frames).ravel()])
+        parts = [equations.residual[0], direction_gaps(self.directions, frames).ravel()]
+        if self.platform is not None and self.target is not None:
+            offset = self.platform.residual(frames, self.target[None])[0]  # (n,) [m, rad]
+            parts.append(offset / self.mechanism.unit_lengths(~self.platform.translations))
+        return np.concatenate(parts)
 
     def slope(self, u: Array) -> Array:
-        """Compute the derivative (m + 3 d, k) of `gap` along u."""
+        """Compute the derivative (m + 3 d + n, k) of `residual` along u."""
         frames = self._frames(u)
         equations = scaled_equations(self.mechanism, self.rows, frames)
         # (d, 3, nv)
         direction_slopes = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
         rows = [equations.jacobian[0], direction_slopes.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
+        if self.platform is not None:
+            lengths = self.mechanism.unit_lengths(~self.platform.translations)
+            rows.append(scale_jacobian(self.mechanism, self.platform.jacobian(frames)[0], lengths))
         return np.concatenate(rows)[:, self.columns]
 
-    def miss(self, u: Array) -> Array:
-        """Compute the offset (n,) [robot lengths, rad] of the platform from its target at u (k,).
-
-        Without a target it is empty.
-        """
-        if self.platform is None or self.target is None:
-            return np.empty(0)
-        offset = self.platform.residual(self._frames(u), self.target[None])[0]  # (n,) [m, rad]
-        is_rotation = ~self.platform.translations
-        return offset / self.mechanism.unit_lengths(is_rotation)
-
-    def miss_slope(self, u: Array) -> Array:
-        """Compute the derivative (n, k) of `miss` along u."""
-        if self.platform is None:
-            return np.empty((0, len(u)))
-        jacobian = self.platform.jacobian(self._frames(u))[0]
-        lengths = self.mechanism.unit_lengths(~self.platform.translations)
-        return scale_jacobian(self.mechanism, jacobian, lengths)[:, self.columns]
+    @property
+    def gaps(self) -> slice:
+        """The residuals of loops and directions, without the platform's."""
+        return slice(len(self.rows.names) + 3 * len(self.directions.closures))
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start (k,) that close the loops best.
@@ -191,32 +188,31 @@ class _Group:
         solver = "lsmr" if len(start) > 1 else "exact"
         bounds = self.lower, self.upper
         if self.target is not None:  # first at the target, if it is within reach
-            start = least_squares(
-                lambda u: np.concatenate([self.gap(u), self.miss(u)]),
-                start,
-                lambda u: np.concatenate([self.slope(u), self.miss_slope(u)]),
-                bounds=bounds,
-                **CLOSING,
-            ).x
-        answer = least_squares(self.gap, start, self.slope, bounds=bounds, tr_solver=solver, **CLOSING)
+            start = least_squares(self.residual, start, self.slope, bounds=bounds, **CLOSING).x
+        answer = least_squares(
+            lambda u: self.residual(u)[self.gaps],
+            start,
+            lambda u: self.slope(u)[self.gaps],
+            bounds=bounds,
+            tr_solver=solver,
+            **CLOSING,
+        )
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
         """Find the smallest offsets u (k,) near a start that nearly close the loops, near the target.
 
-        They minimise the sum of the squares of `weights` u, and of gap and miss over `GAP_PER_RADIAN`.
+        They minimise the sum of the squares of `weights` u, and of residuals over `GAP_PER_RADIAN`.
         """
         from scipy.optimize import least_squares
 
         def residual(u: Array) -> Array:
-            """Compute the weighted gaps and misses, then the weighted offsets, (m + 3 d + n + k,)."""
-            gaps = np.concatenate([self.gap(u), self.miss(u)])
-            return np.concatenate([gaps / GAP_PER_RADIAN, self.weights * u])
+            """Compute the weighted residuals, then the weighted offsets, (m + 3 d + n + k,)."""
+            return np.concatenate([self.residual(u) / GAP_PER_RADIAN, self.weights * u])
 
         def slope(u: Array) -> Array:
             """Compute the derivative (m + 3 d + n + k, k) of this residual."""
-            slopes = np.concatenate([self.slope(u), self.miss_slope(u)])
-            return np.concatenate([slopes / GAP_PER_RADIAN, np.diag(self.weights)])
+            return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.diag(self.weights)])
 
         answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY_CLOSING)
         return np.asarray(answer.x)
@@ -332,7 +328,12 @@ def _find_nearest_offsets(group: _Group) -> Array:
                 break
     if not poses:
         raise _still_open_error(group, best_u)
-    return min(poses, key=lambda u: float(np.linalg.norm(np.concatenate([group.miss(u), group.weights * u]))))
+
+    def distance(u: Array) -> float:
+        """Compute the distance of a pose from the target and from the reference."""
+        return float(np.linalg.norm(np.append(group.residual(u)[group.gaps.stop :], group.weights * u)))
+
+    return min(poses, key=distance)
 
 
 def _find_with_fewer_limits(
@@ -374,7 +375,7 @@ def _find_with_fewer_limits(
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; offsets `u` (k,) have the least gap."""
     mechanism, q = group.mechanism, group.configuration(u)
-    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # of the loop equations, without directions
+    gap = np.abs(group.residual(u))[: len(group.rows.names)]  # of the loop equations, without directions
     row = np.argmax(gap)
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length
