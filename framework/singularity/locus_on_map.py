@@ -158,12 +158,8 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with the most starts first.
 
-    The curves of a mode start from the minima of |g| in this mode, and from the sign changes that no earlier
-    curve explains.
-
-    Args:
-        changes: (e, 4) indices of the poses on both sides of each sign change: i, j of the one, then i, j of
-            the other.
+    The curves of a mode start from the minima of |g| in this mode, and from the sign `changes` (e, 4) of
+    `_sign_changes` that no earlier curve explains.
 
     Returns:
         The curves; which sign changes are left unexplained, (e,).

@@ -229,7 +229,10 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         except Unresolved as unresolved:
             panels = unresolved
             suspects = [unresolved.s]
-        continued = _continue_at_first(branch, suspects)
+        # where the branch has a continuation already, no other is tried
+        fresh = [s for s in suspects if not branch.is_continued(np.array([s]))[0]]
+        attempts = (with_continuation(branch, s) for s in fresh)
+        continued = next((attempt for attempt in attempts if attempt is not None), None)
         if continued is None:
             break
         branch = continued
@@ -238,25 +241,10 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
     return type1
 
 
-def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
-    """Add a continuation to a branch at the first of the `suspects` s where one succeeds; None if none does.
-
-    Where the branch has a continuation already, no other is tried.
-    """
-    for s in suspects:
-        if not branch.is_continued(np.array([s]))[0]:
-            continued = with_continuation(branch, s)
-            if continued is not None:
-                return continued
-    return None
-
-
 def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded.
 
-    Args:
-        type1: the Type 1 matrix along the branch.
-        panels: the panels of its g, or why there are none.
+    `panels` are those of the g of the Type 1 matrix, or why there are none.
     """
     if isinstance(panels, Unresolved):  # the branch has a kink, or meets another branch
         # The s of the least singular value among knots of the branch and s rounded to three digits, as
@@ -342,11 +330,7 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
 def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
     """Compute dg/ds at a singular point, positive where g grows.
 
-    If several motions are uncontrolled, the result is the least slope of their singular values, without sign.
-
-    Args:
-        passive: the matrix of the passive columns.
-        corank: number of uncontrolled motions at s.
+    If several motions are uncontrolled (`corank`), it is the least slope of their singular values, unsigned.
     """
     if corank > 1:
         return float(least_singular_values(block_slopes(passive.evaluate, s, corank)[1]))
@@ -378,12 +362,12 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     gradient = measure_gradient(robot, linearised, border).by_q[0]  # dg/dq (nv,)
 
     # slopes of g along the path, and along each deflection with the platform at rest
-    path_twist = robot.platform.path_twist(branch.path, point.s)
-    path_rates = joint_rates(robot, linearised, path_twist[None])[0]  # dq/ds (nv,)
-    platform_at_rest = np.zeros((n_e, 1, robot.n))
-    unit_deflections = np.eye(n_e)[:, None]
-    spring_rates = joint_rates(robot, linearised, platform_at_rest, unit_deflections)[:, 0]  # (n_e, nv)
-    shift = -(spring_rates @ gradient) / (path_rates @ gradient)
+    twists, deflections = np.zeros((1 + n_e, 1, robot.n)), np.zeros((1 + n_e, 1, n_e))
+    twists[0] = robot.platform.path_twist(branch.path, point.s)
+    deflections[1:, 0] = np.eye(n_e)
+    rates = joint_rates(robot, linearised, twists, deflections)[:, 0]  # dq/ds, then dq/dq_e (1 + n_e, nv)
+    path_slope, *spring_slopes = rates @ gradient
+    shift = -np.array(spring_slopes) / path_slope
     # shifts are compared with rounding for a deflection of one radian or robot length
     is_rounding = np.abs(shift * robot.column_scale[robot.elastic]) < SAME_PLACE
     return np.where(is_rounding, 0.0, shift)
