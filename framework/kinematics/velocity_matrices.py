@@ -60,9 +60,7 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
-    Let M_p be the passive columns of M. L M_p = 0 at all times, so dL/dt M_p = -L dM_p/dt. The solution of
-    least norm is dL/dt = -L dM_p/dt M_p^+. Another choice of L adds R A, R B, R C to the rates, with one
-    matrix R (m, m).
+    Another choice of L adds R A, R B, R C to the derivatives, with one matrix R (m, m).
     """
     jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
     return matrices_and_derivatives(robot, motion.linearised, jacobian_rate)
@@ -74,7 +72,7 @@ def matrices_and_derivatives(
     """Compute A, B, C and their derivatives along any parameter.
 
     M is dF/dq, and L annihilates its passive columns M_p: L M_p = 0. The derivative of L is the solution of
-    least norm of dL M_p = -L dM_p.
+    least norm of dL M_p = -L dM_p, which is dL = -L dM_p M_p^+.
 
     Args:
         jacobian_derivative: (T, n + m, nv) derivative of dF/dq along the parameter.

@@ -315,34 +315,29 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
 
 
 def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
-    """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
-    branch = passive.branch
-    s = contact.s
+    """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose.
+
+    dg/ds is positive where g grows. If several motions are uncontrolled, it is the least slope of their
+    singular values, without sign.
+    """
+    branch, s, slope = passive.branch, contact.s, contact.slope
     linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     freeze(linearised)
-    slope = _slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope
+    if slope is None and uncontrolled.corank > 1:
+        _, slopes, _ = block_slopes(passive.evaluate, s, uncontrolled.corank)
+        slope = float(least_singular_values(slopes))
+    elif slope is None:
+        points = stencil(s)
+        P = passive.evaluate(points)  # (3, n_p, n_p)
+        _, slope, g_above = differentiate_g(P, points)
+        if points[-1] != s:  # not at the end of the path
+            # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil,
+            # beyond the root, det P has a sign, and g must have the same.
+            slope *= float(np.sign(g_above) * np.linalg.slogdet(P[-1]).sign)
     return SingularPoint.of(
         branch, s, linearised, uncontrolled, contact=contact.kind, slope=slope, resolution=contact.resolution
     )
-
-
-def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
-    """Compute dg/ds at a singular point, positive where g grows.
-
-    If several motions are uncontrolled (`corank`), it is the least slope of their singular values, unsigned.
-    """
-    if corank > 1:
-        return float(least_singular_values(block_slopes(passive.evaluate, s, corank)[1]))
-    points = stencil(s)
-    P = passive.evaluate(points)  # (3, n_p, n_p)
-    _, slope, g_above = differentiate_g(P, points)
-    if points[-1] == s:  # the end of the path
-        return slope
-    # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil, beyond the
-    # root, det P has a sign, and g must have the same.
-    sign = np.sign(g_above) * np.linalg.slogdet(P[-1]).sign
-    return float(slope * sign)
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:

@@ -142,7 +142,10 @@ def trace_locus(
     if one_mode:
         guesses = draw_in_mode(region, starts)  # (starts, nq)
     else:
-        guesses = draw_joints(equations, closed.q[0], starts)
+        # hinges are drawn by up to half a turn, slides by up to a robot length; the loops are not closed
+        spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)  # (k,) [robot lengths, rad]
+        steps = np.random.default_rng(0).uniform(-spread, spread, (starts, len(spread)))
+        guesses = equations.move(closed.q[0], steps)
     solutions = find_solutions(equations, np.vstack([guesses, *near]))
     solutions = solutions[region.contains(solutions)]
     curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
@@ -425,14 +428,3 @@ def draw_in_mode(region: Region, count: int) -> Array:
         closed[closed] &= region.contains(next_q[closed])  # from here on: closed and in the region
         q = np.where(closed[:, None], next_q, q)
     return q
-
-
-def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
-    """Draw configurations (count, nq) about q (nq,), hinges by up to half a turn.
-
-    Slides move by up to a length of the robot. The loops are not closed.
-    """
-    robot = equations.robot
-    spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)  # [robot lengths, rad] longest step of a joint
-    steps = np.random.default_rng(0).uniform(-spread, spread, (count, len(spread)))
-    return equations.move(q, steps)

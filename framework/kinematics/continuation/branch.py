@@ -208,7 +208,12 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     # `tail` is relative to the largest coefficient
     truncation = np.abs(series / units).max() * tail(series / units)
     error = float(max(misfit, residual, truncation))
-    return Continuation(start, end, _core_interval(s_nodes, sound, s), series, error)
+    # the core leads from the last sound node below s and all unsound nodes to the first one above; without a
+    # sound node on one side, to the last node there
+    to_cover, s_sound = np.append(np.delete(s_nodes, sound), s), s_nodes[sound]
+    core_start = float(s_sound[s_sound < to_cover.min()].max(initial=s_nodes[0]))
+    core_end = float(s_sound[s_sound > to_cover.max()].min(initial=s_nodes[-1]))
+    return Continuation(start, end, (core_start, core_end), series, error)
 
 
 def _trusted_offsets(branch: Branch, s_nodes: Array) -> tuple[IntArray, Array]:
@@ -236,19 +241,3 @@ def _trusted_offsets(branch: Branch, s_nodes: Array) -> tuple[IntArray, Array]:
     corrections = largest_motion(robot, offsets - difference(robot, branch.origin, guess[sound]))
     trusted = corrections < CONTINUATION_STEP * least[sound]
     return sound[trusted], offsets[trusted]
-
-
-def _core_interval(s_nodes: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes that contains s and all unsound nodes.
-
-    Without a sound node on one side, the interval extends to the last node on that side.
-
-    Args:
-        s_nodes: path coordinates (nodes,) of all nodes, ascending.
-        sound: indices (k,) of the sound ones.
-    """
-    to_cover = np.append(np.delete(s_nodes, sound), s)
-    sound_nodes = s_nodes[sound]
-    start = sound_nodes[sound_nodes < to_cover.min()].max(initial=s_nodes[0])
-    end = sound_nodes[sound_nodes > to_cover.max()].min(initial=s_nodes[-1])
-    return float(start), float(end)

@@ -299,30 +299,25 @@ def _branch_end_error(
     ).adding(remark_on_reach(robot, path(1.0)[robot.platform.sliding]))
 
 
-def _longest_reach(robot: ParallelRobot) -> float:
-    """Compute the summed length [m] of the links from base to platform.
+def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
+    """Return a clause on a platform out of reach of the links; empty if within reach.
 
-    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
-    floating joint, makes the length practically infinite.
+    The reach is the summed length of the links from base to platform, slides at the far end of their range,
+    springs at rest. A slide without limits, such as those of a floating joint, makes it practically infinite.
+
+    Args:
+        position: prescribed translations of the platform's origin [m].
     """
     model = robot.model
     frame = model.frames[robot.frames[0]]  # the platform's frame
-    reach = float(np.linalg.norm(frame.placement.translation))
+    reach = float(np.linalg.norm(frame.placement.translation))  # [m]
     for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
         joint = model.joints[k]
         reach += float(np.linalg.norm(model.jointPlacements[k].translation))
         if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             reach += float(np.abs(ends).max())
-    return reach
-
-
-def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
-    """Return a clause on a platform out of reach of the links; empty if within reach.
-
-    `position` has the prescribed translations of the platform's origin [m].
-    """
-    distance, reach = np.linalg.norm(position), _longest_reach(robot)
+    distance = np.linalg.norm(position)
     if distance <= reach:
         return ""
     return (
