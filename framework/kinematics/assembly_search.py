@@ -51,8 +51,7 @@ class ClosedPose(NamedTuple):
     """A configuration with closed loops, and its distance from the reference."""
 
     q: Array  # (nq,)
-    joint: str  # name of the joint farthest from the reference, of those that it states
-    distance: str  # of that joint from the reference, such as "0.6 rad"
+    farthest: str  # joint, of those that the reference states, and how far it is away, as in "knee 0.6 rad"
 
 
 def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -> ClosedPose:
@@ -85,8 +84,8 @@ def _search_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPos
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
     moved = stated if len(stated) else np.arange(mechanism.nv)
     farthest = int(moved[np.argmax(np.abs(u[moved]))])
-    distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
-    return ClosedPose(_close_again(mechanism, q), mechanism.coordinates.name_of(farthest), distance)
+    name, unit = mechanism.coordinates.name_of(farthest), mechanism.unit_of(farthest)
+    return ClosedPose(_close_again(mechanism, q), f"{name} {abs(step[farthest]):.3g} {unit}")
 
 
 def _close_again(mechanism: Mechanism, q: Array) -> Array:

@@ -155,7 +155,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         pose = find_closed_pose(mechanism)
         remarks.append(
             f"the loops do not close near {reference_in_words(mechanism)}; a search within the joints' "
-            f"limits has found the one that is printed, {pose.joint} {pose.distance} away: give it as "
+            f"limits has found the one that is printed, {pose.farthest} away: give it as "
             f"`reference` if the robot is meant to be assembled that way"
         )
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))

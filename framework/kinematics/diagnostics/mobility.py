@@ -267,7 +267,7 @@ def motions_within_limits(description: RobotDescription) -> LoopMotions | None:
     except NotAssembled:
         return None
     remark = (
-        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from "
+        f"reference: the nearest closed pose within the joints' limits, {pose.farthest} from "
         f"the file's, from which nothing can be proposed"
     )
     return within._replace(remarks=(remark, *within.remarks))
@@ -309,7 +309,7 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
         pose = find_closed_pose(mechanism)
         gap = np.abs(loops_at(mechanism, mechanism.q_near).residual * mechanism.row_lengths).max()
         remark = (
-            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
+            f"reference: the nearest closed pose, {pose.farthest} from the file's, whose loops "
             f"are {gap:.2g} m or rad open"
         )
         return replace(mechanism, q_near=pose.q), [remark]
@@ -322,16 +322,14 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     moves = np.abs(closed_positions - file_positions)  # (nv,) [rad, m]
     column = int(np.argmax(moves))
     if moves[column] > FILE_ROUNDING:
-        joint, distance = (
-            mechanism.coordinates.name_of(column),
-            f"{moves[column]:.3g} {mechanism.unit_of(column)}",
-        )
+        name, unit = mechanism.coordinates.name_of(column), mechanism.unit_of(column)
+        farthest = f"{name} {moves[column]:.3g} {unit}"
         if positions_beyond_limits(assembled.limits, q[None]):
             with suppress(NotAssembled):  # no closed pose is found within the ranges
-                q, joint, distance = find_closed_pose(assembled)
+                q, farthest = find_closed_pose(assembled)
         moved_in = not np.array_equal(assembled.q_near, mechanism.q_near)
         closed = "closed within the joints' limits" if moved_in else "closed"
-        remarks.append(f"reference: {joint} {distance} from the file's, {closed}; --reference chooses others")
+        remarks.append(f"reference: {farthest} from the file's, {closed}; --reference chooses others")
     return replace(assembled, q_near=q), remarks
 
 
