@@ -35,6 +35,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, join, select
+from framework.numerics.ordered_sums import solve
 from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient
@@ -168,7 +169,7 @@ class LocusEquations:
             units, is_sliding = robot.platform_scale, robot.translations
             x = robot.platform.coordinates(linearised.frames)
             offset = x - self.x
-            slopes = np.linalg.solve(robot.platform.rate_matrix(x), linearised.platform)  # dx/dq, of v = E dx
+            slopes = solve(robot.platform.rate_matrix(x), linearised.platform)  # dx/dq, of v = E dx
         offset = offset / units
         offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])  # equal up to whole turns
         return offset[:, self.fixed], (slopes / units[:, None])[:, self.fixed]
