@@ -285,13 +285,11 @@ class Extremum(NamedTuple):
 
         On a side without such an s, the end of the panel is returned.
         """
-
-        def find_towards(end: float) -> float:
-            """Find the nearest such s between the extremum and an end."""
-            step = self._find_first_step(end, lambda g: np.abs(g) > level)
-            return end if step is None else step[1]
-
-        return find_towards(self.start), find_towards(self.end)
+        (_, lower), (_, upper) = (
+            self._find_first_step(end, lambda g: np.abs(g) > level) or (self.s, end)
+            for end in (self.start, self.end)
+        )
+        return lower, upper
 
     @property
     def changes_sign(self) -> bool:

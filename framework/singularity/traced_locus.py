@@ -382,11 +382,10 @@ class Region(NamedTuple):
         if self.mode is None or len(curve.points.q) < 2:
             return curve
         points = curve.points
-        first_end, last_end = curve.ends
-        if first_end == "left":  # tracing stopped outside the region, or the mode
-            points = self._clip_end(points.reverse_order(), self.mode).reverse_order()
-        if last_end == "left":
-            points = self._clip_end(points, self.mode)
+        for end in curve.ends:  # the first end, then the last one, each as the last of the points
+            points = points.reverse_order()
+            if end == "left":  # tracing stopped outside the region, or the mode
+                points = self._clip_end(points, self.mode)
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
