@@ -56,12 +56,6 @@ class MeasuredMatrix:
         closed = {(float(panel.s[0]), float(panel.s[-1])): panel.linearised for panel in panels}
         return MeasuredMatrix(branch, matrix, panel_loops=closed)
 
-    @property
-    def edges(self) -> list[float]:
-        """Ends in s of the branch's panels, then the knots of the path behind them, 1 included."""
-        ends = [0.0, *(float(panel.s[-1]) for panel in self.branch.panels)]
-        return [*ends, *(float(knot) for knot in self.knots if knot > ends[-1])]
-
     def loops(self, start: float, end: float) -> LinearisedLoops:
         """Return the linearised loops at the nodes (T = SHEET_NODES) of a panel from start to end, in s."""
         if (start, end) not in self.panel_loops:
@@ -154,7 +148,9 @@ def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
         Unresolved: g is not resolved on a panel of the least width.
         SingularPath: the matrix is singular all along a panel.
     """
-    waiting = list(pairwise(measured.edges))[::-1]  # a stack of starts and ends, the first panel on top
+    ends = [0.0, *(float(panel.s[-1]) for panel in measured.branch.panels)]
+    edges = [*ends, *(float(knot) for knot in measured.knots if knot > ends[-1])]
+    waiting = list(pairwise(edges))[::-1]  # a stack of starts and ends, the first panel on top
     resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()

@@ -168,14 +168,6 @@ class CurveSteps(NamedTuple, Generic[AnyEquations]):
     is_straight: BoolArray  # (R,) whether the tangent turns little on the way
 
 
-class CurveEnds(NamedTuple):
-    """The ends of T curves."""
-
-    q: Array  # (T, nq)
-    share: Array  # (T,) s
-    reason: NDArray[np.uint8]  # (T,) `CurveReason`
-
-
 class TurningPoints(NamedTuple):
     """The turning points of T curves; the values of a curve are meaningless unless `found`."""
 
@@ -204,14 +196,14 @@ class Curves(Generic[AnyEquations]):
         longest: Array,
         to_rounding: bool = False,
         accept: Callable[[CurveSteps[AnyEquations]], tuple[BoolArray, BoolArray]],
-    ) -> CurveEnds:
+    ) -> tuple[CurvePoints, NDArray[np.uint8]]:
         """Follow T curves from points q (T, nq) at s = `share` (T,) until they end, at most to s = 1.
 
         Each curve takes steps of its own. An accepted step doubles the next one, a refused step is halved and
         tried again. A step is accepted if its correction is small, if the gain in s agrees with the slopes of
         s at both ends, so that no fold lies between, and if its end is on the same branch. Where s turns back
         the turning point is solved for. Where the branch ends otherwise, as at a bifurcation, the place is
-        bracketed.
+        bracketed. Returns the ends, and why each curve ends, `CurveReason` (T,).
 
         Args:
             first: the equations at the starts.
@@ -256,7 +248,7 @@ class Curves(Generic[AnyEquations]):
                 reason[rows] = CurveReason.TURNED
             can_halve = size > UNCHECKED_MOTION  # not where there is no tangent
             live = live[(is_accepted | can_halve) & (reason[live] == CurveReason.STALLED)]
-        return CurveEnds(*points, reason)
+        return points, reason
 
     def _take_steps(
         self, start: CurvePoints, tangent: Array, step: Array, rows: IntArray, *, to_rounding: bool

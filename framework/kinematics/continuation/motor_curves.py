@@ -126,7 +126,7 @@ def follow_curves(
         longest[rows] = np.where((is_apart | is_steady)[keeps], LONG_STEP, SHORT_STEP)
         return keeps, np.ones(len(keeps), dtype=bool)
 
-    q, share, reason = Curves(robot, robot.following, turn, evaluate).follow(
+    (q, share), reason = Curves(robot, robot.following, turn, evaluate).follow(
         curves.q, curves.share, first, longest=longest, accept=accept
     )
     # rounding of many steps leaves the motors slightly off their prescribed turn

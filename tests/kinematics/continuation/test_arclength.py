@@ -67,8 +67,8 @@ def follow(curves, longest=0.3, accept=all_go_on, **options):
         return accept(ends)
 
     first = curves.evaluate(q, share, np.arange(count))
-    ends = curves.follow(q, share, first, longest=np.full(count, longest), accept=note, **options)
-    return Way(ends.q[:, SLIDE] / UNIT, ends.share, ends.reason, steps)
+    ends, reason = curves.follow(q, share, first, longest=np.full(count, longest), accept=note, **options)
+    return Way(ends.q[:, SLIDE] / UNIT, ends.share, reason, steps)
 
 
 def test_steps_are_across_the_border_and_tangents_along_the_curve():
