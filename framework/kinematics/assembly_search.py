@@ -74,10 +74,7 @@ def _search_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPos
     """Find a pose like `find_closed_pose`, by one search in each group of loops."""
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
-    groups = _group_loops(mechanism, lower, upper)
-    if near_platform is not None:
-        groups = [_whole_group(mechanism, lower, upper, near_platform)]
-    for group in groups:
+    for group in _group_loops(mechanism, lower, upper, near_platform):
         u[group.columns] = _find_nearest_offsets(group)
     step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
@@ -117,9 +114,7 @@ def can_close(
     offsets = (positions - reference[columns]) / mechanism.column_scale[columns]
     lower[columns] = offsets
     upper[columns] = offsets + SAME_PLACE * np.maximum(np.abs(offsets), 1.0)
-    groups = _group_loops(free, lower, upper)
-    if near_platform is not None:
-        groups = [_whole_group(free, lower, upper, near_platform)]
+    groups = _group_loops(free, lower, upper, near_platform)
     try:
         misses = [group.residual(_find_nearest_offsets(group))[group.gaps.stop :] for group in groups]
     except NotAssembled:
@@ -226,17 +221,32 @@ class _Group:
         return frames_at(self.mechanism, self.configuration(u)[None])
 
 
-def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
-    """Split the loop equations into groups that share no joint.
+def _group_loops(
+    mechanism: Mechanism, lower: Array, upper: Array, target: Array | None = None
+) -> list[_Group]:
+    """Split the loop equations into groups that share no joint; with a target they are one group.
 
     A group is a connected component of the graph in which two of the m rows are joined if both depend on a
     joint. Springs stay at rest, so their joints join no rows.
 
     Args:
         lower, upper: (nv,) limits of the joints as offsets from the reference [rad, robot lengths].
+        target: (n,) platform coordinates.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
+
+    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)  # of the offsets
+    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
+    directions = mechanism.directions
+    if target is not None:
+        platform = platform_coordinates(mechanism.description.platform, mechanism.model)
+        platform = platform.choose_chart(frames_at(mechanism, mechanism.q_near[None]).platform_rotation)
+        columns = mechanism.joints
+        bounds = lower[columns], upper[columns]
+        weights *= UNSTATED_WEIGHT  # the target comes first
+        rows = mechanism.rows
+        return [_Group(mechanism, rows, directions, columns, *bounds, weights[columns], platform, target)]
 
     carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint moves a frame
     # (m, nv) whether a row depends on a joint, which then moves only one of the row's two bodies
@@ -247,41 +257,15 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
 
     groups = []
-    weights = _weights(mechanism)
-    directions = mechanism.directions
     for k in range(count):
-        rows = np.flatnonzero(label == k)
-        columns = np.flatnonzero(depends[rows].any(axis=0))
-        table = mechanism.rows.take(rows)
+        is_row = label == k
+        columns = np.flatnonzero(depends[is_row].any(axis=0))
+        table = mechanism.rows.take(np.flatnonzero(is_row))
         closures = [name.rpartition(".")[0] for name in table.names]  # names of rows are closure.axis
         locked = select(directions, np.isin(directions.closures, closures))
         bounds = lower[columns], upper[columns]
         groups.append(_Group(mechanism, table, locked, columns, *bounds, weights[columns]))
     return groups
-
-
-def _weights(mechanism: Mechanism) -> Array:
-    """Return the weights (nv,) of the offsets: 1 for joints that the reference states."""
-    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)
-    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
-    return weights
-
-
-def _whole_group(mechanism: Mechanism, lower: Array, upper: Array, target: Array) -> _Group:
-    """Return all loop equations as one group, with the platform's target (n,).
-
-    Args:
-        lower, upper: (nv,) limits of the joints as offsets from the reference [rad, robot lengths].
-        target: (n,) platform coordinates.
-    """
-    platform = platform_coordinates(mechanism.description.platform, mechanism.model)
-    platform = platform.choose_chart(frames_at(mechanism, mechanism.q_near[None]).platform_rotation)
-    columns = mechanism.joints
-    weights = UNSTATED_WEIGHT * _weights(mechanism)[columns]  # the target comes first
-    bounds = lower[columns], upper[columns]
-    return _Group(
-        mechanism, mechanism.rows, mechanism.directions, columns, *bounds, weights, platform, target
-    )
 
 
 def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:

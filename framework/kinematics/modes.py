@@ -25,7 +25,7 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, moving_loops, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, moving_loops
 from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, join, select
@@ -260,13 +260,6 @@ def _legs_by_size(robot: ParallelRobot) -> list[tuple[IntArray, IntArray, IntArr
         columns = np.array([legs(robot)[k].columns for k in group])
         groups.append((group, rows, robot.moving[columns]))
     return groups
-
-
-def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the dimensionless determinant of each leg (T, legs), zero at its Type 1 singularities."""
-    M = type1_matrix(robot, linearised)
-    blocks = [M[:, leg.rows][:, :, leg.columns] for leg in legs(robot)]  # (T, k, k) each
-    return np.stack([np.linalg.det(block) for block in blocks], axis=1)
 
 
 def leg_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -42,6 +42,7 @@ from framework.kinematics.linearised_loops import (
     assembled_at,
     clearance,
     linearised_at,
+    linearised_at_reference,
     type1_matrix,
     type2_matrix,
 )
@@ -189,16 +190,10 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
     g is an analytic function of the pose. If it vanishes at a random pose, then with probability one it
     vanishes at all poses connected to that pose.
     """
-    reference = robot.reference.q
-    if _least_singular_value(robot, reference) >= RANK_LOST:
+    if clearance(robot, linearised_at_reference(robot))[0] >= RANK_LOST:
         return False
-    poses = [*nearby_configurations(robot, reference), *nearby_configurations(robot, q)]
-    return bool(poses) and all(_least_singular_value(robot, pose) < RANK_LOST for pose in poses)
-
-
-def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
-    """Compute the smallest singular value of P at q (nq,)."""
-    return float(clearance(robot, linearised_at(robot, q[None]))[0])
+    poses = [*nearby_configurations(robot, robot.reference.q), *nearby_configurations(robot, q)]
+    return bool(poses) and bool((clearance(robot, linearised_at(robot, np.array(poses))) < RANK_LOST).all())
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:

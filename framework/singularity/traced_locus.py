@@ -25,8 +25,8 @@ import numpy as np
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import assembled_at, linearised_at
-from framework.kinematics.modes import leg_determinants, leg_signs
+from framework.kinematics.linearised_loops import assembled_at, linearised_at, type1_matrix
+from framework.kinematics.modes import leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive, whole
@@ -366,12 +366,14 @@ class Region(NamedTuple):
         return inside
 
     def least_determinants(self, q: Array, mode: Array) -> Array:
-        """Compute the least of the legs' determinants (T,) at q (T, nq), positive in the mode.
+        """Compute the least of the legs' dimensionless determinants (T,) at q (T, nq), positive in the mode.
 
-        Each determinant is multiplied by the sign that it has in the `mode` (legs,).
+        Each determinant, zero at Type 1, is multiplied by the sign that it has in the `mode` (legs,).
         """
         robot = self.equations.robot
-        return (leg_determinants(robot, linearised_at(robot, q)) * mode).min(axis=1)
+        M = type1_matrix(robot, linearised_at(robot, q))
+        determinants = [np.linalg.det(M[:, leg.rows][:, :, leg.columns]) for leg in legs(robot)]  # (T,) each
+        return (np.stack(determinants, axis=1) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
         """Return the part of a curve in the region's working mode.

@@ -85,24 +85,20 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if np.array_equal(target, reference.x):
         return reference
     require_square(robot)
-    linearised, steps = _reach(robot, target)
+    if _is_near_reference(robot, target):
+        linearised, steps = close_loops(robot, target[None], reference.q[None]).linearised, 1
+    else:
+        followed = _follow_from_reference(robot, target)
+        linearised = followed.last.linearised
+        steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
     return Configuration(linearised.frames.q[0], target, float(np.abs(linearised.residual).max()), steps)
 
 
-def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
-    """Close the loops with the platform at x (n,), in the working mode of the reference.
-
-    Returns:
-        The loops at the pose (T = 1); the number of poses on the way.
-    """
-    reference = robot.reference
-    if _is_near_reference(robot, x):
-        return close_loops(robot, x[None], reference.q[None]).linearised, 1
+def _follow_from_reference(robot: ParallelRobot, x: Array) -> FollowedPath:
+    """Follow the straight way from the reference to x (n,), in the working mode of the reference."""
+    way = Line(robot.reference.x, x)
     start = linearised_at_reference(robot)
-    segment = Line(reference.x, x)
-    followed = _follow_to_end(robot, segment, start, "the way from the reference to the point")
-    steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
-    return followed.last.linearised, steps
+    return _follow_to_end(robot, way, start, "the way from the reference to the point")
 
 
 def _is_near_reference(robot: ParallelRobot, x: Array) -> bool:
@@ -128,7 +124,9 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     require_square(robot)
     _check_turns(robot, path)
     x = finite_numbers("the start of the path", path(0.0), robot.n)
-    start = linearised_at_reference(robot) if _is_near_reference(robot, x) else _reach(robot, x)[0]
+    start = linearised_at_reference(robot)
+    if not _is_near_reference(robot, x):
+        start = _follow_from_reference(robot, x).last.linearised
     followed = _follow_to_end(robot, path, start, "the path")
     return Branch.through(robot, path, followed.panels, followed.steps)
 
