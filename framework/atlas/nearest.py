@@ -32,7 +32,6 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     assembled_at,
     linearised_at,
-    passive_matrix,
     type1_matrix,
     type2_matrix,
 )
@@ -44,7 +43,6 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, se
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import least_singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
-from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
@@ -337,7 +335,7 @@ def _find_foot(centre: _Centre, q: Array, z: Array) -> tuple[Array, Array] | Non
             # g and its slopes a (n,) along the offset z from the centre at one pose
             robot = centre.robot
             linearised = linearised_at(robot, q[None])
-            measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
+            measure = measure_gradient(robot, linearised)
             E = robot.platform.rate_matrix(centre.coordinates(z[None]))  # (1, n, n)
             rates = joint_rates(robot, linearised, E[0].T[:, None])[:, 0]  # (n, nv) at unit rates of x
             g = measure.g[0]

@@ -137,8 +137,7 @@ class LocusEquations:
         """
         robot = self.robot
         linearised = linearised_at(robot, q, bases=bases)
-        P = passive_matrix(robot, linearised)
-        measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
+        measure = measure_gradient(robot, linearised, border)
         gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
         offsets, offset_slopes = self._fixed_offsets(linearised)
         # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
@@ -150,7 +149,7 @@ class LocusEquations:
         return Evaluated(
             values=np.concatenate([gaps, offsets, measure.g[:, None]], axis=1),
             slopes=np.concatenate(slopes, axis=1)[:, :, robot.moving],
-            P=P,
+            P=passive_matrix(robot, linearised),
             eta=measure.eta,
             bases=linearised.bases,
         )

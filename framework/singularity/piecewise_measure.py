@@ -29,7 +29,6 @@ from framework.numerics.ordered_sums import least_singular_values, singular_valu
 from framework.singularity.bordered_system import (
     Border,
     append_border,
-    bordered_solution,
     determinant,
     solve_bordered,
 )
@@ -364,7 +363,7 @@ def extremum_near(
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)
         stack = matrices(np.append(panel_nodes(start, end), s))
-        values = scalar(bordered_solution(stack, border_of=-1, size=size).G)  # at the nodes, then at s
+        values = scalar(solve_bordered(stack, Border.of(stack[-1], size)).G)  # at the nodes, then at s
         series = coefficients(values[:-1, None])[:, 0]
         # the last third of the coefficients is rounding if g is resolved, else it is the truncation error
         rounding = max(np.abs(series[-SHEET_NODES // 3 :]).sum(), MEASURE_ROUNDING)

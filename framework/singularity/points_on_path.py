@@ -13,13 +13,13 @@ from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import track_path, uncontrolled_error, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import LinearisedLoops, passive_matrix, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays, freeze
 from framework.numerics.ordered_sums import least_singular_values, singular_values
-from framework.singularity.bordered_system import Border, differentiate_g, stencil
+from framework.singularity.bordered_system import differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     VANISHING_TOGETHER,
     MeasuredMatrix,
@@ -353,8 +353,7 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     if not n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(n_e, np.nan)
     linearised = branch.close(np.array([point.s])).linearised
-    border = Border.of(passive_matrix(robot, linearised))
-    gradient = measure_gradient(robot, linearised, border).by_q[0]  # dg/dq (nv,)
+    gradient = measure_gradient(robot, linearised).by_q[0]  # dg/dq (nv,)
 
     # slopes of g along the path, and along each deflection with the platform at rest
     twists, deflections = np.zeros((1 + n_e, 1, robot.n)), np.zeros((1 + n_e, 1, n_e))

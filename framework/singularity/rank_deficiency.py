@@ -19,7 +19,6 @@ from framework.numerics.ordered_sums import least_singular_values, singular_valu
 from framework.singularity.bordered_system import (
     DIFFERENCE_STEP,
     Border,
-    bordered_solution,
     root_of_g,
     solve_bordered,
 )
@@ -214,7 +213,7 @@ def _miss_at_end(
 
 def _signed_least_value(matrix: Array) -> float:
     """Compute the least singular value of a matrix (1, n, n) with the sign of its determinant."""
-    return float(bordered_solution(matrix, border_of=0).g[0])
+    return float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
 
 
 def _is_apart(s: float, points: Sequence[Contact | NearMiss], distance: float) -> bool:
@@ -314,7 +313,7 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tup
     h = DIFFERENCE_STEP
     middle = float(np.clip(s, h, 1.0 - h))
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
-    lower, centre, upper, G = bordered_solution(stack, border_of=-1, size=size).G
+    lower, centre, upper, G = solve_bordered(stack, Border.of(stack[-1], size)).G
     second_derivative = (lower - 2 * centre + upper) / h**2
     slope = (upper - lower) / (2 * h) + (s - middle) * second_derivative
     return G, slope, second_derivative
