@@ -141,11 +141,6 @@ def allowed_motions(mechanism: Mechanism, q: Array) -> Array:
     return split_row_space(joint_loops_matrix(mechanism, q), BRANCHES_MEET)[1]
 
 
-def largest_gap(mechanism: Mechanism, q: Array) -> float:
-    """Compute the largest residual of a loop equation at q (nq,) [robot lengths or rad]."""
-    return float(np.abs(loops_at(mechanism, q).residual).max())
-
-
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
     """Raise NotAssembled if `closing` moved a joint of the columns `stated` far from the file's value."""
     offset = difference(mechanism, mechanism.q_near, closing.q)  # (nv,) from the file's reference [rad, m]

@@ -224,7 +224,7 @@ class _Group:
 def _group_loops(
     mechanism: Mechanism, lower: Array, upper: Array, target: Array | None = None
 ) -> list[_Group]:
-    """Split the loop equations into groups that share no joint; with a target they are one group.
+    """Split the loop equations into groups that share no joint; a target makes one group of all.
 
     A group is a connected component of the graph in which two of the m rows are joined if both depend on a
     joint. Springs stay at rest, so their joints join no rows.

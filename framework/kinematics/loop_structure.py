@@ -26,7 +26,6 @@ from framework.kinematics.assembly import (
     Closing,
     close_reference,
     joint_loops_matrix,
-    largest_gap,
     loops_at,
     nearby_configurations,
 )
@@ -300,7 +299,7 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
         reduced = _exclude_rounded_rows(sized, closing.q)
         poses = [] if reduced is None else nearby_configurations(reduced, closing.q)
         ranks = [numerical_rank(joint_loops_matrix(sized, pose), ROUNDED_ROW) for pose in poses]
-        gaps = [largest_gap(sized, pose) for pose in poses]
+        gaps = [np.abs(loops_at(sized, pose).residual).max() for pose in poses]  # [rad, robot lengths]
         if reduced is not None and set(ranks) == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING:
             return replace(reduced, length=mechanism.length), closing
     return mechanism, closing
@@ -318,10 +317,10 @@ def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
 
     None if there are no such rows, or if more than rounding keeps the loops open at q.
     """
-    rows = mechanism.rows
-    matrix = joint_loops_matrix(mechanism, q)
+    rows, loops = mechanism.rows, loops_at(mechanism, q)
+    matrix = loops.jacobian[:, mechanism.joints]
     rank = numerical_rank(matrix, ROUNDED_ROW)
-    if largest_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
+    if np.abs(loops.residual).max() > EXPORT_ROUNDING or rank == len(rows.names):
         return None
     order = pivot_rows(matrix)
     independent, others = np.sort(order[:rank]), np.sort(order[rank:])

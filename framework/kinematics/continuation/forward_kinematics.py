@@ -84,7 +84,7 @@ def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = Fals
 def _pose_at(
     robot: ParallelRobot, linearised: LinearisedLoops, x: Array, steps: int, least: float
 ) -> ForwardPose:
-    """Return the pose at x (n,) with the loops there (T = 1), `steps` and `least` clearance of its curve."""
+    """Return the pose of loops (T = 1) at x (n,), with `steps` and `least` clearance of its curve."""
     freeze(linearised)
     gap = float(linearised.gap[0])
     return ForwardPose(linearised.frames.q[0], x, gap, steps, least, robot=robot, linearised=linearised)
