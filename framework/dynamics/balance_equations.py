@@ -206,8 +206,7 @@ class BalanceEquations:
         """Compute the balance of given unknowns.
 
         Args:
-            splines: the splines of the deflections.
-            series: (size, n_e) their coefficients, in units of the springs.
+            series: (size, n_e) coefficients of the deflections, in units of the springs.
             scalars: (k,) of the law.
             stiffer: factor of the robot's spring stiffness.
             near: configurations (T, nq) from which the loops are closed; those of the branch by default.
@@ -241,9 +240,7 @@ class BalanceEquations:
         """Return motion and deflections at the nodes, from `motion` of the law: s, dp/dt and d2p/dt2.
 
         Args:
-            splines: the splines of the deflections.
-            series: (size, n_e) their coefficients, in units of the springs.
-            clock: the law with its parameter p.
+            series: (size, n_e) coefficients of the deflections, in units of the springs.
         """
         s, rate, acceleration = motion
         bases = _time_bases(splines.nodes.bases, rate, acceleration)

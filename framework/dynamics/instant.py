@@ -263,8 +263,6 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     alone, and zero otherwise.
 
     Args:
-        linearised: the loop equations at the T configurations.
-        r: forces of the open tree.
         joint_torque: tau_joint (T, n_a).
     """
     rows = robot.rows
@@ -303,9 +301,6 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
     A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
     closure's unit wrenches times their multipliers.
-
-    Args:
-        loops: unit wrenches and multipliers of all loop equations.
     """
     unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
     wrenches = {}
@@ -323,9 +318,6 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     """Compute the torque (T,) [N m, N] of each coupling on the first joint, by name; NaN if indeterminate.
 
     The torque on another joint is minus the derivative of q_joint along that joint times this torque.
-
-    Args:
-        loops: unit wrenches and multipliers of all loop equations.
     """
     rows = np.flatnonzero(robot.rows.coupled)  # the loop equations that are couplings
     # largest component of a null-space vector at each coupling (T, couplings)
@@ -341,9 +333,6 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
     open tree, less the loop wrenches, external wrenches and pulls of springs on all bodies that the joint
     carries.
-
-    Args:
-        loops: unit wrenches and multipliers of all loop equations.
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)  # at the joints' origins

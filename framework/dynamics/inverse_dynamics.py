@@ -44,11 +44,10 @@ from framework.dynamics.singularity_crossings import (
     CrossedPoint,
     check_bounded,
     check_crossings,
-    deformed_crossing,
+    deformed_crossings,
     find_crossed_points,
     measure_crossings,
     panel_edges,
-    probe_instants,
 )
 from framework.errors import (
     InvalidInput,
@@ -129,16 +128,8 @@ def resolve_law(
 ) -> InverseDynamics:
     """Compute the torques of a fixed law.
 
-    Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`).
-
-    Args:
-        searched: the path with its singular points.
-        geometry: "rigid" or "deformed".
-        tolerance: tail of the torques that counts as resolved.
-        friction: "driven" adds the dry friction of driven joints, "none" does not.
-
-    Raises:
-        NoAnswer: as `inverse_dynamics`.
+    Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`). Arguments
+    and errors are those of `resolve`.
     """
     return resolve(
         searched,
@@ -384,11 +375,7 @@ class _Refinement:
         return at_rest
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
-        """Return whether the grid resolves the torques of the undeformed robot, or no grid does.
-
-        Args:
-            at_rest: the pass with springs at rest.
-        """
+        """Return whether the grid resolves the torques of the undeformed robot, or no grid does."""
         if grid.size >= SIZES[-1]:
             return True
         if any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings_at_rest):
@@ -405,9 +392,6 @@ class _Refinement:
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
         time.
-
-        Args:
-            solution: motion, forces and deflections on the nodes of the grid.
         """
         branch = self.searched.branch
         grid = solution.grid
@@ -449,24 +433,13 @@ class _Refinement:
         if self.geometry == "rigid":
             assert solution.checkpoints is not None
             return result, solution.checkpoints
-        if self.crossings:  # the deformed robot beside its crossings, as one stack
-            beside = np.concatenate([probe_instants(one.time, result.duration) for one in self.crossings])
-            pairs = _checkpoints(result, beside)
-            self.crossings = tuple(
-                deformed_crossing(result, crossing, pairs.select(slice(2 * k, 2 * k + 2)))
-                for k, crossing in enumerate(self.crossings)
-            )
-        is_last = certificate.unresolved <= self.tolerance or grid.size >= SIZES[-1]
+        self.crossings = deformed_crossings(result, self.crossings)
         result = replace(result, crossings=self.crossings)
-        if is_last:
-            return result, _checkpoints(result, check_instants(robot, grid))
-        return result, Checkpoints(np.empty(0), motion.select(slice(0)), np.empty((0, robot.nv)))
-
-
-def _checkpoints(result: InverseDynamics, times: Array) -> Checkpoints:
-    """Evaluate the motion and its forces at instants (T,) [s]."""
-    motion = result.motion(times)
-    return Checkpoints(times, motion, tree_forces(result.robot, motion))
+        if certificate.unresolved > self.tolerance and grid.size < SIZES[-1]:
+            return result, Checkpoints(np.empty(0), motion.select(slice(0)), np.empty((0, robot.nv)))
+        times = check_instants(robot, grid)
+        between = result.motion(times)
+        return result, Checkpoints(times, between, tree_forces(robot, between))
 
 
 def _check_result(
@@ -475,8 +448,6 @@ def _check_result(
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
-        solution: motion and forces on the nodes of the grid.
-        result: the series through them.
         friction: "driven" or "none".
     """
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
@@ -537,7 +508,6 @@ def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques:
     """Compute the larger of the tails of the motor torques and of the caused deflections.
 
     Args:
-        solution: the pass or solution with the deflections and the law.
         torques: motor torques (n_a) [N m] as a function of time.
     """
     # Torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy.

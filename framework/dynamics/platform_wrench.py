@@ -146,11 +146,7 @@ class WrenchCurves(NamedTuple):
 
 
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
-    """Compute g, t_s, W_p and t_s . W_p along a motion in time.
-
-    Args:
-        motion: the motion at T ascending instants, along which t_s is continued.
-    """
+    """Compute g, t_s, W_p and t_s . W_p at T ascending instants, along which t_s is continued."""
     forces = tree_forces(robot, motion)
     _G, joint_rates = motor_speeds(robot, motion.linearised)  # (T, nv, n) dq/dv
     wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r

@@ -118,7 +118,6 @@ def _refine(equations: BalanceEquations, state: BalanceState, misfit: float) -> 
     cell by thousands. A misfit that falls by less than MIN_GAIN is not due to the cells.
 
     Args:
-        state: the first iterate, with its cells.
         misfit: |F| over the largest load at which the solution is accepted.
     """
     state, is_solved = _gauss_newton(equations, state)
@@ -205,10 +204,6 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[Bal
     The misfit is |F| over the largest load. Slopes of F and their factorisation, `linear`, are reused as long
     as the misfit falls quickly. They are renewed if a step with old slopes fails or gains too little.
 
-    Args:
-        equations: the equations F = 0.
-        state: the first iterate, with the splines of the solution.
-
     Returns:
         The last iterate; whether its misfit is as small as the cells allow.
     """
@@ -239,12 +234,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[Bal
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
-    """Halve a step until the misfit falls; return the state after the step, or None.
-
-    Args:
-        state: the last iterate.
-        step: the Gauss-Newton step at this state.
-    """
+    """Halve a Gauss-Newton step until the misfit falls; return the state after the step, or None."""
     share = 1.0
     while share >= MIN_STEP_SHARE:
         try:

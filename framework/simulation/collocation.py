@@ -298,7 +298,6 @@ class StepEquations:
         Args:
             a, multipliers: accelerations (s, nv) and multipliers (s, m) at the nodes.
             balance: the equations at the last iterate but one.
-            iterations: number of Newton steps.
         """
         robot = self.equations.robot
         q, v, offset_rate = self._integrate_to_nodes(a, balance.offset_rate)

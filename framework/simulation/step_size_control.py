@@ -76,7 +76,9 @@ def collocate(
 
             yield step
             previous = step
-            start = end_state(equations, step)
+            # the next step begins with a velocity that the loops allow
+            q = step.q[-1]
+            start = State(q, allowed_velocity(equations, equations.tangent_at_rest(q), step.v[-1]))
             time = end if candidate == end - time else step.end
             length = min(longest, candidate * growth)
             usual = max(candidate, 0.5 * usual)
@@ -131,7 +133,6 @@ def _try_step(
     """Solve a step from a guess that is extrapolated from the previous one.
 
     Args:
-        equations: of the step.
         previous: the previous step; None after a break of the torque.
         tolerance: what a step may leave unresolved [rad, robot lengths].
         leniency: factor on this part for a bridging step.
@@ -168,12 +169,6 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
         name=equations.robot.name,
         residual=time,
     )
-
-
-def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
-    """Return the state at the end of a step, with a velocity that the loops allow."""
-    tangent = equations.tangent_at_rest(step.q[-1])
-    return State(step.q[-1], allowed_velocity(equations, tangent, step.v[-1]))
 
 
 def _extrapolate_guess(
