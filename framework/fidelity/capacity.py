@@ -107,14 +107,10 @@ def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Reques
 def largest_load_of(
     robot: ParallelRobot, request: Request, *, progress: Callable[[int], None] = lambda planned: None
 ) -> Capacity:
-    """Find the largest multiple of the wrenches of a request.
+    """Find the largest multiple of the wrenches of a request, as `largest_load`.
 
     Args:
         progress: called before each plan with its number, 1, 2, ...
-
-    Raises:
-        InvalidInput: there are no wrenches, or no limits of torque or speed.
-        NoAnswer: there is no plan even without the wrenches.
     """
     if not request.external_wrenches.is_nonzero:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
@@ -180,10 +176,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     From 1 on, or from where a bound meets the limits, the multiple is doubled while it has plans. Then the
     bracket from the largest multiple with a plan, `multiple`, to the least one without, `end`, is narrowed by
     secants of the least peaks of refused multiples. Where they do not serve, it is bisected at geometric
-    means, or halved while no multiple has a plan.
-
-    Args:
-        capacity: that of the multiple 0, with its plan.
+    means, or halved while no multiple has a plan. `capacity` is that of the multiple 0, with its plan.
     """
     multiple = 1.0
     peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown

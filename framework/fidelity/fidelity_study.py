@@ -266,10 +266,6 @@ def fidelity_study(
 def _plan_motion(highest: ParallelRobot, request: Request) -> tuple[Level, CrossingPlan]:
     """Plan with the highest level or, without a plan, with the rigid one; return level and plan.
 
-    Args:
-        highest: the robot at the highest level.
-        request: with the geometry of the highest level.
-
     Raises:
         NoAnswer: the refusal of the highest level, if neither has a plan.
     """

@@ -99,13 +99,7 @@ class ReferenceMotion:
 
     @classmethod
     def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
-        """Choose the instants of a comparison, dense at crossings, and tune controllers if the robot falls.
-
-        Args:
-            plan: of the motion.
-            highest: the highest model of the robot.
-            tolerance: allowed error, as a share of the path's length and of the peak torque.
-        """
+        """Choose the instants of a comparison, dense at crossings; tune controllers if the robot falls."""
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         instants_beside = [crossing.time + offsets for crossing in plan.crossings]
@@ -131,10 +125,7 @@ class ReferenceMotion:
         """Yield the comparison of each level with the plan of the motion.
 
         A level whose torques equal those of the level below, or of the plan, takes the errors from there and
-        is not simulated again.
-
-        Args:
-            motions: names and motions of the levels, the lowest first.
+        is not simulated again. The lowest level comes first.
 
         Raises:
             InvalidInput: the robot cannot be simulated.
@@ -176,11 +167,7 @@ class ReferenceMotion:
         return (np.abs(difference) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Compare a level with the plan by simulating its torques in the highest model.
-
-        Args:
-            motion: with the torques of the level.
-        """
+        """Compare a level with the plan by simulating its torques in the highest model."""
         platform_error = np.full(len(self.times), np.nan)
         reason = ""
         started = time.perf_counter()

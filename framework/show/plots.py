@@ -344,8 +344,12 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     Raises:
         InvalidInput: a film has no singular instant, or there are several robots or paths.
     """
-    _check_one_path(films)
     first = films[0]
+    for film in films:
+        if not film.instants or film.robot.name != first.robot.name or film.path != first.path:
+            raise InvalidInput(
+                "one eye is for motions of one robot along one path, through a singularity each"
+            )
     ax = ensure_axes(ax)
     twist = twist_at_singularity(films)
     s = first.law(first.time)  # (F,)
@@ -375,16 +379,6 @@ def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float
     ax.plot(s_singular, np.interp(s_singular, s, demand), dot, color=color, markersize=5, zorder=4)
     low, high = s_range
     return float(np.abs(demand[(low <= s) & (s <= high)]).max())
-
-
-def _check_one_path(films: Sequence[Film]) -> None:
-    """Refuse films of several robots or paths, or without a singular instant."""
-    first = films[0]
-    for film in films:
-        if not film.instants or film.robot.name != first.robot.name or film.path != first.path:
-            raise InvalidInput(
-                "one eye is for motions of one robot along one path, through a singularity each"
-            )
 
 
 def twist_at_singularity(films: Sequence[Film]) -> Array:
