@@ -36,7 +36,6 @@ import numpy as np
 
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.motor_limits import Limit, motor_limits
-from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
@@ -162,15 +161,6 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     return WrenchCurves(measure.g, twist / signed_norm, wrench, power)
 
 
-def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
-    """Compute g (T,) and t_s . W_p (T,) [N or N m] at ascending instants t (T,).
-
-    At a crossing t_s . W_p is `SingularityCrossing.wrench`.
-    """
-    curves = wrench_curves(result.robot, result.motion(t))
-    return curves.g, curves.power
-
-
 def measure_at_rest(searched: SearchedPath, s: Array) -> Array:
     """Compute g (T,) at ascending path coordinates s (T,), with springs at rest."""
     branch = searched.branch
@@ -249,10 +239,7 @@ class PlatformLimits(ReadOnlyArrays):
 def platform_limits(
     robot: ParallelRobot, q: ArrayLike, *, torque_limit: Limit = None, speed_limit: Limit = None
 ) -> PlatformLimits:
-    """Compute the admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
-
-    Wrenches are U = G' tau - W_g for all torques tau within the torque limits. Speeds are all v for which G v
-    is within the speed limits.
+    """Compute the admissible wrenches U and speeds v of the platform at an assembled configuration q (nq,).
 
     Args:
         q: as returned by `assemble` or `forward_kinematics`.

@@ -7,7 +7,7 @@ import pytest
 import robots
 from framework import Line, plan_crossing, plan_scene
 from framework.dynamics.open_loop import fall_exponent, open_loop_growth, repelling_rates
-from framework.dynamics.platform_wrench import wrench_along, wrench_curves
+from framework.dynamics.platform_wrench import wrench_curves
 from tests.robots.every_robot import planned
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -45,7 +45,7 @@ def test_the_wrench_that_all_bodies_ask_for_does_the_work_that_goes_into_them(na
 def test_at_the_crossing_g_and_the_power_vanish_together(plan):
     (crossing,) = plan.crossings
     t = crossing.time + np.array([-1e-3, 0.0, 1e-3])
-    g, power = wrench_along(plan.dynamics, t)
+    g, _, _, power = wrench_curves(plan.robot, plan.dynamics.motion(t))
     assert abs(g[1]) < 1e-11
     assert g[0] * g[2] < 0
     assert abs(power[1]) < 1e-9
