@@ -66,7 +66,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import ExactLaw, MotionLaw, edges_of, is_number
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.numerics.chebyshev import TimeFunction, TimeGrid, tail
 from framework.numerics.time_limit import SearchEnded
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.singularity.rank_deficiency import NearMiss
@@ -501,7 +501,7 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     """Compute the tail of a function of k components, without components below `rounding` (k,)."""
     size = np.abs(function.coefficients).max(axis=(0, 1))  # (k,) from (panels, nodes, k)
-    return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
+    return tail(function.coefficients[..., size > rounding])
 
 
 def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques: TimeFunction) -> float:

@@ -20,6 +20,7 @@ from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflec
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw
 from framework.laws.optimal_law import Clock, InTime, OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
@@ -72,14 +73,9 @@ def solve_balance(
     scalars = np.zeros(len(steps))
     if start is None:
         clock = family(scalars)
-        # the highest derivative of deflections that does not jump at the knots of the path. Springs without
-        # inertia follow the forces and jump with them; with inertia they are continuous. Under optimal laws
-        # they are at rest at both ends, which requires continuous rates and accelerations, too. Under
-        # polynomials these would make the springs vibrate where the path has only two derivatives
-        continuity = -1
-        if robot.elastic_inertia:
-            continuity = 2 if isinstance(clock, OnParameter) else 0
-        splines = DeflectionSplines.uniform(clock.edges, FIRST_CELLS, continuity=continuity)
+        splines = DeflectionSplines.uniform(
+            clock.edges, FIRST_CELLS, continuity=_continuity_at_knots(robot, clock)
+        )
         series = np.zeros((splines.size, robot.n_e))
     else:
         splines, series = start.splines, start.series / equations.units
@@ -88,6 +84,19 @@ def solve_balance(
     if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
         state = _refine(equations, _soften(equations, first, state.misfit), MIN_GAIN * SETTLED_MISFIT)
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
+
+
+def _continuity_at_knots(robot: ParallelRobot, clock: Clock) -> int:
+    """Return the highest derivative of the deflections that does not jump at the knots of a path.
+
+    Springs without inertia follow the forces and jump with them: -1. With inertia, also rates and
+    accelerations are continuous. This is required under optimal laws (`OnParameter`), whose springs are at
+    rest at both ends: 2. Under polynomials only the deflections are continuous: 0. Where the path has only
+    two derivatives, continuous accelerations would make the springs vibrate.
+    """
+    if not robot.elastic_inertia:
+        return -1
+    return 2 if isinstance(clock, OnParameter) else 0
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -109,6 +118,7 @@ def _refine(equations: BalanceEquations, state: BalanceState, misfit: float) -> 
     cell by thousands. A misfit that falls by less than MIN_GAIN is not due to the cells.
 
     Args:
+        state: the first iterate, with its cells.
         misfit: |F| over the largest load at which the solution is accepted.
     """
     state, is_solved = _gauss_newton(equations, state)
@@ -195,6 +205,10 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[Bal
     The misfit is |F| over the largest load. Slopes of F and their factorisation, `linear`, are reused as long
     as the misfit falls quickly. They are renewed if a step with old slopes fails or gains too little.
 
+    Args:
+        equations: the equations F = 0.
+        state: the first iterate, with the splines of the solution.
+
     Returns:
         The last iterate; whether its misfit is as small as the cells allow.
     """
@@ -225,7 +239,12 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[Bal
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
-    """Halve a Gauss-Newton step until the misfit falls; return the state after the step, or None."""
+    """Halve a step until the misfit falls; return the state after the step, or None.
+
+    Args:
+        state: the last iterate.
+        step: the Gauss-Newton step at this state.
+    """
     share = 1.0
     while share >= MIN_STEP_SHARE:
         try:
