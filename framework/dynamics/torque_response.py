@@ -68,7 +68,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     """Linearise torques in the coefficients of an optimal law, about a motion in balance."""
     equations = solution.equations
     state = solution.state
-    clock = state.samples.clock
+    clock = state.clock
     assert isinstance(clock, OnParameter)
     terms, terms_by_y = _law_terms(clock.law, state.splines.nodes.p)  # (T, 4), (T, 4, n)
     F_per_term, torque_per_term, speed = _split_by_law_terms(equations, state)
@@ -85,7 +85,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     by_springs = _torque_slopes_by_springs(equations.branch.robot, state.balance)
     by_each_order = [
         slope @ state.splines.combine(basis, series_by_y)
-        for slope, basis in zip(by_springs, state.samples.bases, strict=True)
+        for slope, basis in zip(by_springs, state.bases, strict=True)
     ]
     slopes = torque_per_term @ terms_by_y + np.sum(by_each_order, axis=0)
     # torque, slopes and speed, in the order of the fields
@@ -107,7 +107,7 @@ def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: 
     if len(splines.cells) > MAX_CELLS_KEPT:
         splines = DeflectionSplines.uniform(splines.panels, RENEWED_CELLS, continuity=splines.continuity)
         series = splines.fit(state.splines.evaluate(series, splines.nodes.p))
-    return KnownDeflections(state.samples.clock, splines, series)
+    return KnownDeflections(state.clock, splines, series)
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
