@@ -144,9 +144,7 @@ def _has_drives(robot: ParallelRobot) -> bool:
 def curve_ratios(dynamics: InverseDynamics, drives: DriveLimits) -> Array:
     """Compute the largest |w + k T| / w_0 (n_a,) of a motion; 0 for motors without a curve."""
     return peak_sizes(
-        lambda t: drives.curve_ratio(dynamics.torque(t), dynamics.motor_angle(t, 1)),
-        dynamics.torques.edges,
-        dynamics.torques.coefficients.shape[1],
+        lambda t: drives.curve_ratio(dynamics.torque(t), dynamics.motor_angle(t, 1)), dynamics.torques.grid
     )
 
 

@@ -245,7 +245,7 @@ def _resolve_on_grids(
             continue
 
         # series of torques and deflections, with the tail that decides whether the grid is fine enough
-        result, checkpoints = refinement.evaluate(solution)
+        result = refinement.evaluate(solution)
         is_resolved = result.certificate.unresolved <= tolerance
         if not is_resolved and size < SIZES[-1]:
             if refinement.is_hopeless:
@@ -253,7 +253,7 @@ def _resolve_on_grids(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        missing = find_missing_forces(robot, solution, checkpoints)
+        missing = find_missing_forces(robot, solution, _checkpoints(solution, result))
         result = measure_residuals(solution, result, missing)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
@@ -284,8 +284,8 @@ class _Refinement:
     known: KnownDeflections | None  # None: the deflections are solved for
     law: MotionLaw  # for springs at rest
     crossed: list[CrossedPoint]  # of the undeformed robot
-    crossings_at_rest: tuple[SingularityCrossing, ...] = ()  # the same, with t_s . W_p
-    crossings: tuple[SingularityCrossing, ...] = ()  # with the deflections of the last grid
+    has_pole: bool = False  # whether the torques of the undeformed robot have a pole
+    crossings: tuple[SingularityCrossing, ...] = ()  # with t_s . W_p, and the deflections of the last grid
     passes: int = 0  # on all grids together
     certificates: list[Certificate] = field(default_factory=list)  # one for each grid with a result
 
@@ -338,7 +338,7 @@ class _Refinement:
                     self.choose_law,
                     self.geometry,
                     tolerance=min(self.tolerance, TORQUE_TAIL),
-                    is_fine=lambda at_rest: self._is_fine(grid, at_rest),
+                    is_fine=self._is_fine,
                 )
         except (NotAssembled, NotConverged) as failure:
             if self.known is None:  # a pole of the torques is the better explanation
@@ -365,29 +365,26 @@ class _Refinement:
         is_rigid = self.geometry == "rigid"
         others = check_instants(branch.robot, grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
         at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
-        if self.crossed and not self.crossings_at_rest:
+        if self.crossed and not self.crossings:
             assert at_rest.checkpoints is not None
             at_points, along = np.split(at_rest.checkpoints.forces, [len(instants)])
             self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
-            self.crossings_at_rest = self.crossings
+            self.has_pole = any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings)
             if is_rigid:
                 check_bounded(branch.robot, self.crossings, CONDITION_RESIDUAL)
         return at_rest
 
-    def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
-        """Return whether the grid resolves the torques of the undeformed robot, or no grid does."""
-        if grid.size >= SIZES[-1]:
+    def _is_fine(self, at_rest: Pass) -> bool:
+        """Return whether a grid resolves the torques of the undeformed robot, or no grid does."""
+        grid = at_rest.grid
+        if grid.size >= SIZES[-1] or self.has_pole:  # which no grid resolves
             return True
-        if any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings_at_rest):
-            return True  # the torques have a pole, which no grid resolves
         robot = self.searched.branch.robot
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
-        return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
+        return _largest_tail(robot, at_rest, torques) <= self.tolerance
 
-    def evaluate(self, solution: Pass) -> tuple[InverseDynamics, Checkpoints]:
+    def evaluate(self, solution: Pass) -> InverseDynamics:
         """Return the result on one grid, and store its certificate and crossings for the next grid.
-
-        The motion at checkpoints is returned, too; for a grid that is too coarse at crossings alone.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
@@ -408,7 +405,7 @@ class _Refinement:
         motor_speeds = np.abs(robot.gear_ratio * motion.v[:, robot.actuated])
         certificate = Certificate(
             nodes=len(grid.times),
-            tail=_largest_tail(robot, grid, solution, torques),
+            tail=_largest_tail(robot, solution, torques),
             passes=self.passes,
             change=solution.change,
             end_speed=float(motor_speeds[[0, -1]].max(initial=0.0) / (motor_speeds.max(initial=0.0) or 1.0)),
@@ -431,15 +428,19 @@ class _Refinement:
         )
         self.certificates.append(certificate)
         if self.geometry == "rigid":
-            assert solution.checkpoints is not None
-            return result, solution.checkpoints
+            return result
         self.crossings = deformed_crossings(result, self.crossings)
-        result = replace(result, crossings=self.crossings)
-        if certificate.unresolved > self.tolerance and grid.size < SIZES[-1]:
-            return result, Checkpoints(np.empty(0), motion.select(slice(0)), np.empty((0, robot.nv)))
-        times = check_instants(robot, grid)
-        between = result.motion(times)
-        return result, Checkpoints(times, between, tree_forces(robot, between))
+        return replace(result, crossings=self.crossings)
+
+
+def _checkpoints(solution: Pass, result: InverseDynamics) -> Checkpoints:
+    """Return the motion between the nodes of a grid; with rigid geometry that beside the pass at rest."""
+    if result.geometry == "rigid":
+        assert solution.checkpoints is not None
+        return solution.checkpoints
+    times = check_instants(result.robot, solution.grid)
+    motion = result.motion(times)
+    return Checkpoints(times, motion, tree_forces(result.robot, motion))
 
 
 def _check_result(
@@ -504,7 +505,7 @@ def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     return tail(function.coefficients[..., size > rounding])
 
 
-def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques: TimeFunction) -> float:
+def _largest_tail(robot: ParallelRobot, solution: Pass, torques: TimeFunction) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections.
 
     Args:
@@ -518,7 +519,7 @@ def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques:
     if not robot.n_e:
         return torque_tail
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
-    return max(torque_tail, _tail_above_rounding(grid.fit(solution.caused), deflection_rounding))
+    return max(torque_tail, _tail_above_rounding(solution.grid.fit(solution.caused), deflection_rounding))
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

@@ -158,7 +158,7 @@ def distribute_torques(
 def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
     """Compute the largest ratio of torques, with dry friction, to limits (n_a,)."""
     changed = replace(result, torques=torques)
-    peaks = peak_sizes(changed.torque, torques.edges, torques.coefficients.shape[1])
+    peaks = peak_sizes(changed.torque, torques.grid)
     return float((peaks / limit).max())
 
 
@@ -188,8 +188,7 @@ class _SharedMotion:
     @staticmethod
     def of(result: InverseDynamics, reference: Array) -> _SharedMotion:
         """Cut a motion's panels in MIN_CELLS or more cells of splines in time."""
-        size = result.torques.coefficients.shape[1]
-        edges = result.torques.edges
+        edges, size = result.torques.edges, result.torques.grid.size
         parts = max(MIN_PARTS, -(-MIN_CELLS // (len(edges) - 1)))
         starts = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(parts) / parts
         grid = TimeGrid(np.append(starts, edges[-1]), min(size, MAX_NODES))

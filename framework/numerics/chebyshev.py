@@ -179,6 +179,11 @@ class TimeFunction(ReadOnlyArrays):
         """Relative size of the last coefficients: the certificate that the function is resolved."""
         return tail(self.coefficients)
 
+    @property
+    def grid(self) -> TimeGrid:
+        """The nodes at which values determine the coefficients."""
+        return TimeGrid(self.edges, self.coefficients.shape[1])
+
 
 @dataclass(frozen=True, eq=False)
 class TimeGrid(ReadOnlyArrays):
@@ -290,7 +295,7 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
 # ------------------------------------------------------------------ largest values
 
 
-def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
+def peak_sizes(function: Callable[[Array], Array], grid: TimeGrid) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
     The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima
@@ -299,14 +304,13 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 
     Args:
         function: returns values (T, k) at t (T,) [s].
-        edges: ends of the panels (panels + 1,) [s].
-        size: number of coefficients of the function's series on each panel.
+        grid: nodes at which the function's series is resolved.
     """
     node_ratio = 4  # number of samples over number of Chebyshev coefficients, on each panel
     # distances between the three points of the parabolas about a maximum, over the distance between samples
     zoom_steps = (1.0, 1.0 / 16.0, 1.0 / 256.0)
-    start, end = edges[0], edges[-1]
-    t = TimeGrid(edges, node_ratio * size).times  # (T,)
+    start, end = grid.edges[0], grid.edges[-1]
+    t = TimeGrid(grid.edges, node_ratio * grid.size).times  # (T,)
     values = np.abs(function(t))  # (T, k)
     peaks = values.max(axis=0)
 
