@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import count
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -117,7 +118,9 @@ def largest_load_of(
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):
         raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")
-    task = _Multiples(robot, request, search_path(robot, request.path), progress)
+    numbers = count(1)
+    searched = search_path(robot, request.path)
+    task = _Multiples(robot, request, searched, lambda: progress(next(numbers)))
     unloaded = task.plan_multiple(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
@@ -125,20 +128,17 @@ def largest_load_of(
     return _bound_capacity(task, bracket)
 
 
-@dataclass
-class _Multiples:
+class _Multiples(NamedTuple):
     """A request under multiples of its wrenches."""
 
     robot: ParallelRobot
     request: Request
     searched: SearchedPath  # the path of the request, without wrenches
-    progress: Callable[[int], None]  # called before each plan with its number
-    count: int = 0  # plans so far
+    report_plan: Callable[[], None]  # called before each plan
 
     def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
         """Plan under a multiple of the wrenches; return the plan, or the refusal."""
-        self.count += 1
-        self.progress(self.count)
+        self.report_plan()
         try:
             return plan_request(self.robot, self._request(multiple), searched=self.searched)
         except NoAnswer as refusal:
