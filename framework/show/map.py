@@ -45,6 +45,7 @@ from framework.show.style import (
     NOT_CARRIED,
     PATH,
     UNREACHED,
+    ColumnLayout,
     Style,
     draw_curves,
     draw_dot,
@@ -112,7 +113,7 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
     for colour, label in legend_entries:
         ax.plot([], [], "s", color=colour, label=label)
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
-    ax.figure.legend(loc="outside lower left", ncols=2)
+    ax.figure.legend(loc="lower left", ncols=2)
     return ax
 
 
@@ -260,7 +261,7 @@ def _make_axes(workspace: WorkspaceMap, quantity: Quantity) -> Axes:
     wide, high = workspace.window.upper - workspace.window.lower
     shape = high / wide if is_to_scale(workspace) else 0.8
     width = WINDOW_EDGE / max(1.0, shape)  # [in]
-    drawing = Figure(figsize=(max(width + ASIDE, COLUMN_WIDTH), width * shape + ABOVE), layout="compressed")
+    drawing = Figure(figsize=(max(width + ASIDE, COLUMN_WIDTH), width * shape + ABOVE), layout=ColumnLayout())
     ax = drawing.subplots()
     ax.set_box_aspect(shape)
     ax.grid(False)
