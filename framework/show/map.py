@@ -6,6 +6,7 @@ of the pose under the pointer: one file, nothing fetched.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from html import escape
 from pathlib import Path as FilePath
@@ -296,13 +297,16 @@ def _window_edges(workspace: WorkspaceMap) -> Array:
 
 
 def save_map_figures(
-    workspace: WorkspaceMap, folder: FilePath, *, path: Path | None = None
+    workspace: WorkspaceMap,
+    folder: FilePath,
+    *,
+    path: Path | None = None,
+    keys: Sequence[str] | None = None,
 ) -> list[FilePath]:
-    """Write a PDF and a PNG of each quantity into a folder: map_g.pdf and so on."""
+    """Write a PDF and a PNG of each quantity, or of those of `keys`, into a folder: map_g.pdf and so on."""
     files = []
-    for quantity in workspace.quantities:
-        draw = partial(plot_map, workspace, quantity.key, path=path)
-        files += save_figure(draw, folder / f"map_{quantity.key}")
+    for key in [quantity.key for quantity in workspace.quantities] if keys is None else keys:
+        files += save_figure(partial(plot_map, workspace, key, path=path), folder / f"map_{key}")
     return files
 
 

@@ -181,9 +181,9 @@ class ColumnLayout(LayoutEngine):
         axes = [ax for ax in fig.axes if ax.get_subplotspec() is not None]  # from the top down
         margins = []  # of text around the frame of each axes: left, right, below, above
         for ax in axes:
-            outer = ax.get_tightbbox(renderer, for_layout_only=True)
+            x_0, y_0, x_1, y_1 = ax.get_tightbbox(renderer, for_layout_only=True).extents  # type: ignore[union-attr]
             frame = ax.get_window_extent(renderer)
-            sides = (frame.x0 - outer.x0, outer.x1 - frame.x1, frame.y0 - outer.y0, outer.y1 - frame.y1)
+            sides = (frame.x0 - x_0, x_1 - frame.x1, frame.y0 - y_0, y_1 - frame.y1)
             margins.append(np.maximum(sides, 0.0) + pad)
         left, right, below, above = np.array(margins).T  # (axes,) each
 
