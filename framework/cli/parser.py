@@ -198,6 +198,6 @@ def add_executor(parser: OneLineParser) -> None:
         type=integer_between(1, MAX_WORKERS),
         default=1,
         metavar="N",
-        help="processes (default: 1)",
+        help="processes, this one included (default: 1)",
     )
     group.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")

@@ -6,6 +6,7 @@ import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -46,7 +47,6 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text, select_fields
-from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER = "feedforward"
 COLUMNS = (
@@ -226,6 +226,12 @@ def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, or repeat a single run."""
     if options.replay is not None:
         return replay_run(options)
+    with arguments.start_workers(options, "framework.control.study") as executor:
+        return _study_controllers(options, executor)
+
+
+def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
+    """Study each controller on the same robots."""
     setup = _make_setup(options)
     options.progress.start("predicting")
     suggests = options.sensors == ["suggest"]
@@ -258,7 +264,7 @@ def run_robustness(options: Namespace) -> Report:
 
     unit = f"of {options.runs * len(stores)} runs"
     with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
-        studies = _run_studies(options, setup, controllers, stores)
+        studies = _run_studies(options, setup, controllers, stores, executor)
         document = _make_document(setup, studies, out) | {
             "predicted": [asdict(one) for one in predictions],
             "tried": [one._asdict() for one in trials],
@@ -364,7 +370,11 @@ def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None)
 
 
 def _run_studies(
-    options: Namespace, setup: StudySetup, controllers: dict[str, Controller], stores: dict[str, KeptChunks]
+    options: Namespace,
+    setup: StudySetup,
+    controllers: dict[str, Controller],
+    stores: dict[str, KeptChunks],
+    executor: Executor | None,
 ) -> list[Study]:
     """Run one study for each controller, in several processes."""
     studies: list[Study] = []
@@ -372,22 +382,21 @@ def _run_studies(
     if stores:  # what is finished when the study is stopped is stored
         chunk = min(chunk or STORED_RUNS, STORED_RUNS)
     report_runs = options.progress.start("simulating", options.runs * len(controllers), "runs")
-    with executor_of(workers=options.workers, dask=options.dask) as executor:
-        for name, controller in controllers.items():
-            study = run_study(
-                controller,
-                setup.loop,
-                setup.spread,
-                runs=options.runs,
-                name=name,
-                seed=setup.seed,
-                executor=executor,
-                chunk=chunk,
-                keeper=stores.get(name),
-                # runs of earlier studies count, too
-                progress=lambda done: report_runs(len(studies) * options.runs + done),
-            )
-            studies.append(study)
+    for name, controller in controllers.items():
+        study = run_study(
+            controller,
+            setup.loop,
+            setup.spread,
+            runs=options.runs,
+            name=name,
+            seed=setup.seed,
+            executor=executor,
+            chunk=chunk,
+            keeper=stores.get(name),
+            # runs of earlier studies count, too
+            progress=lambda done: report_runs(len(studies) * options.runs + done),
+        )
+        studies.append(study)
     return studies
 
 
