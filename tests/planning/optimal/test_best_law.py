@@ -12,7 +12,7 @@ from framework.laws.squared_speed import SpeedSpace
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows
-from framework.planning.optimal.least_cost import first_cells
+from framework.planning.optimal.least_cost import find_least_cost, first_cells
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.optimal.speed_program import SpeedProgram, Units
@@ -293,6 +293,17 @@ def test_the_tangent_of_the_duration_is_the_duration_at_its_law_and_below_it_els
     assert tangent(slow) == pytest.approx(duration(slow), rel=1e-5)
     for other in (2.0 * slow, np.pad([1.0], (0, 40)), np.pad(poly2cheb([least, 0.0, 0.5]), (0, 38))):
         assert tangent(other) < duration(other) * (1.0 + 1e-5)
+
+
+def test_the_least_energy_of_a_series_is_that_of_splines():
+    robot = robots.load("biglide", flexibility="flexible_joints")
+    path = scene_path(robot.description.scenes["across"])
+    request = Request.of(robot, path, longest=1.0, optimize="energy", law="optimal", smoothness=6)
+    searched = search_path(robot, path)
+    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    problem = problem_of(task)
+    series = find_least_cost(problem._replace(degree=40)).speed.energy
+    assert series == pytest.approx(find_least_cost(problem).speed.energy, rel=1e-2)
 
 
 @pytest.mark.slow
