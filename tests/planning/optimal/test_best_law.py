@@ -22,6 +22,7 @@ from framework.planning.saved import plan_document
 from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SQUARED_SPEED_FLOORS
+from tests.oracles.equations_of_motion import defects_of
 from tests.planning.optimal.least_energy import least_energy
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -42,6 +43,14 @@ def peak(plan) -> float:
     """Largest torque [N m], between the nodes too."""
     t = np.linspace(0.0, plan.duration, 20011)
     return float(np.abs(plan.torque(t)).max())
+
+
+def test_joints_rest_at_both_ends_though_panels_there_are_short(quickest):
+    """Derivatives of a series on such a panel are off by 1e-11 rad/s, which simulations then start with."""
+    t = np.linspace(0.0, quickest.duration, 101)
+    v = quickest.velocity(t)
+    assert np.abs(v[[0, -1]]).max() < 1e-15 * np.abs(v).max()
+    assert defects_of(quickest).speed < 1e-14
 
 
 def test_the_quickest_law_takes_half_of_the_papers_time_at_its_torque(quickest):
