@@ -4,8 +4,7 @@
 
 The prediction is linear: it knows payload, friction, springs, the known delay, and the steps and noise of
 sensors. It does not know places of joints, unknown delays, limits of torques, and errors so large that the
-dynamics are no longer those about the plan. So it is an estimate, of fast loops sometimes far too small: runs
-decide.
+dynamics are no longer those about the plan. So it is an estimate: runs decide.
 """
 
 from __future__ import annotations

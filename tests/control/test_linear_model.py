@@ -16,6 +16,7 @@ from framework.control import (
     Spread,
     Tuning,
     draw,
+    linear_model,
     linearise_plan,
     predict,
     predict_by_sensors,
@@ -78,6 +79,24 @@ def test_links_without_mass_leave_the_states_of_platform_and_motors():
     model = linearise_plan(reference("five_bar", "C", "flexible_links"))
     assert model.A.shape[1:] == (8, 8)
     assert np.isfinite(model.A).all()  # at the crossing, too
+
+
+@pytest.mark.parametrize("period", [1e-3, pytest.param(4e-3, marks=pytest.mark.slow)])
+def test_static_balance_changes_no_vibration_that_samples_tell_apart(period, monkeypatch):
+    """The arms of a delta are each fast alone; together they vibrate at 222 Hz."""
+    ref = reference("delta", "pick", "flexible_links", period)
+
+    def frequencies():
+        model = linearise_plan(ref)
+        poles = np.linalg.eigvals(model.A[len(ref.times) // 2, : 2 * model.m, : 2 * model.m])
+        return np.sort(poles.imag[poles.imag > 0]) / (2 * np.pi)  # [Hz]
+
+    slow = frequencies()
+    monkeypatch.setattr(linear_model, "LEAST_BALANCED_SHARE", np.inf)  # none of these is without mass
+    every = frequencies()
+    told_apart = every[every < 0.5 / period]
+    assert len(told_apart) > 2
+    np.testing.assert_allclose(slow[: len(told_apart)], told_apart, rtol=0.014)
 
 
 def test_a_heavier_payload_moves_the_robot_as_its_column_says():
