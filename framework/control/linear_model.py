@@ -292,7 +292,8 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     alone = np.einsum("tii->ti", M)[:, n:] / np.einsum("tii->ti", K)[:, n:]  # (T, d - n) [s^2/rad^2]
     balanced: list[int] = []
     for index in n + np.argsort(np.abs(alone).max(axis=0), kind="stable"):
-        block = np.ix_(np.arange(len(M)), [*balanced, index], [*balanced, index])
+        rows = np.array([*balanced, index])
+        block = np.ix_(np.arange(len(M)), rows, rows)
         squares = np.linalg.eigvals(np.linalg.solve(K[block], M[block]))  # (T, l) 1 / (2 pi f_l)^2
         if np.abs(squares).max() > period**2:
             break
