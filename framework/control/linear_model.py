@@ -316,7 +316,10 @@ def _require_mass(robot: ParallelRobot, M: Array) -> None:
 
 
 def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
-    """Return motors whose joints deflections move independently, and the other deflections."""
+    """Return motors whose joints deflections move independently, and the deflections that stay beside them.
+
+    The others are replaced such that W is as far from singular as possible at the worst of the T instants.
+    """
     from scipy.linalg import qr
 
     if not robot.n_e:
@@ -326,25 +329,14 @@ def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[In
     R, pivots = qr(G[len(G) // 2], mode="r", pivoting=True)
     size = np.abs(np.diagonal(R))
     motors = np.sort(pivots[: np.count_nonzero(size > RANK_LOST * size.max())])
-    return motors, np.setdiff1d(np.arange(robot.n_e), _replaced_deflections(robot, changes, motors))
-
-
-def _replaced_deflections(robot: ParallelRobot, changes: MotionChanges, motors: IntArray) -> IntArray:
-    """Choose the deflections (k,) that k motors replace.
-
-    W shall be as far from singular as possible at the worst of the T instants.
-    """
-    from scipy.linalg import qr
-
-    G = (
-        changes.q[:, robot.n :, robot.actuated[motors]] * robot.column_scale[robot.elastic, None]
-    )  # (T, n_e, k)
-    candidates = {tuple(sorted(qr(g.T, mode="r", pivoting=True)[1][: len(motors)])) for g in G}
+    G = G[:, :, motors]  # (T, n_e, k)
 
     def clearance(rows: tuple[int, ...]) -> float:
         return float(np.linalg.svd(G[:, list(rows)], compute_uv=False).min(initial=np.inf))
 
-    return np.array(max(sorted(candidates), key=clearance), dtype=int)
+    candidates = {tuple(sorted(qr(g.T, mode="r", pivoting=True)[1][: len(motors)])) for g in G}
+    replaced = max(sorted(candidates), key=clearance)
+    return motors, np.setdiff1d(np.arange(robot.n_e), replaced)
 
 
 # ------------------------------------------------------------------ disturbances
