@@ -7,6 +7,7 @@ from statistics import NormalDist
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
@@ -190,8 +191,6 @@ def test_what_comes_late_and_what_rubs_leaves_a_larger_error():
 @pytest.mark.parametrize("robot", ["five_bar", "five_bar_heavy", "gough_stewart", "delta"])
 def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
     """Kinetic energy is linear in the payload: 1 +- p about the same robot are symmetric about 1."""
-    import pinocchio as pin
-
     nominal = robots.load(robot)
     random = np.random.default_rng(3)
     q, v = (
@@ -508,3 +507,19 @@ def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
     )
     assert "2 of 2 failed runs of feedforward met the torque limits, of which the plan takes" in bound
     assert "failed runs" not in lifted
+
+
+def test_shifted_joints_move_all_that_they_carry():
+    """The place of a joint moves by the shifts of those before it and its own, each turned as its parent."""
+    nominal = robots.load("gough_stewart")
+    shifts = np.random.default_rng(5).standard_normal((nominal.model.njoints - 1, 3))
+    nothing = draw(nominal, Spread(), (0, 0))
+    model = apply_variation(nominal, Variation(**{**vars(nothing), "shifts": shifts})).model
+    data, moved = nominal.model.createData(), model.createData()
+    for tree, of_tree in ((nominal.model, data), (model, moved)):
+        pin.forwardKinematics(tree, of_tree, nominal.reference.q)
+    added = [np.zeros(3)]
+    for j in range(1, nominal.model.njoints):
+        parent = nominal.model.parents[j]
+        added.append(added[parent] + data.oMi[parent].rotation @ shifts[j - 1])
+        np.testing.assert_allclose(moved.oMi[j].translation, data.oMi[j].translation + added[j], atol=1e-12)

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble, dynamics_at
 from framework.kinematics.diagnostics.diagnosis import describe_pose
-from framework.proofs.assembly_modes import assembly_modes
+from framework.proofs.assembly_modes import _null_space, assembly_modes
 from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.robots.test_three_rpr import legs as three_rpr_legs
@@ -310,3 +310,13 @@ def test_a_link_may_be_called_like_a_joint_or_like_pinocchios_base(write_robot):
         assemble(robot, [0.9, 0.3])
     force = {"universe": [1.0, 2.0, 0, 0, 0, 0]}
     assert np.isfinite(dynamics_at(robot, robot.reference.q, wrenches=force).torque).all()
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+def test_a_table_of_known_singular_values_has_their_ratio_as_condition_number(scale):
+    rng = np.random.default_rng(0)
+    U, V = (np.linalg.qr(rng.standard_normal((n, n)))[0] for n in (6, 5))
+    null_space, condition_number = _null_space(scale * (U[:, :3] * [8.0, 2.0, 0.5]) @ V[:3])
+    assert condition_number == pytest.approx(16.0, rel=1e-12)
+    assert null_space.shape == (2, 5)
+    np.testing.assert_allclose(null_space @ V[:3].T, 0.0, atol=1e-14)
