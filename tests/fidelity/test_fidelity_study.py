@@ -373,3 +373,12 @@ def test_springs_are_compared_as_shares_of_the_robot_s_length():
     )
     name, size = Comparison(LEVELS[0], motion, np.zeros(1), np.zeros(1)).deflection
     assert (name, size) == ("rod", pytest.approx(0.008, rel=1e-3))
+
+
+def test_errors_are_looked_at_as_near_to_a_crossing_on_either_side():
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "C")
+    beside = ReferenceMotion.of(plan, robot, 0.01).times - plan.crossings[0].time
+    before, after = np.sort(-beside[beside < 0])[:10], np.sort(beside[beside > 0])[:10]
+    assert after[0] < 1e-5 * plan.duration
+    np.testing.assert_allclose(before, after, rtol=1e-6)

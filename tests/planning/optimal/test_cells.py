@@ -1,11 +1,12 @@
-"""Which cells of a speed program are cut: those under a coefficient near nothing, and the middle of a bend."""
+"""Cells of a speed program that are cut: under a coefficient near nothing, and the middle of a bend."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from framework.laws.squared_speed import SpeedBasis
-from framework.planning.optimal.least_cost import _cells_to_cut
+from framework.planning.optimal.least_cost import _cells_to_cut, cost_of
 
 CELLS = np.linspace(-1.0, 1.0, 31) ** 3  # of unequal widths
 BASIS = SpeedBasis.from_cells(CELLS)
@@ -33,3 +34,13 @@ def test_where_coefficients_bend_the_two_cells_in_the_middle_are_cut():
         np.testing.assert_array_equal(
             np.flatnonzero(_cells_to_cut(PROGRAM, coefficients)), cells_of_spline(k)[2:-2]
         )
+
+
+@pytest.mark.parametrize(
+    ("peak", "peak_speed", "share"), [(0.7, 0.5, 0.7), (0.2, 0.5, 0.25), (1.2, 1.3, 1.69)]
+)
+def test_limits_are_used_as_far_as_the_nearer_one(peak, peak_speed, share):
+    """A law twice as fast has twice the speed and, but for weight, four times the torque."""
+    assert cost_of("limits", SimpleNamespace(peak=peak, peak_speed=peak_speed, duration=9.0, energy=9.0)) == (
+        pytest.approx(share)
+    )
