@@ -28,7 +28,7 @@ from framework.control import (
 )
 from framework.control import study as study_module
 from framework.control.controllers import FeedforwardPD
-from framework.control.study import FIRST_TRIAL, run_chunk
+from framework.control.study import FIRST_TRIAL, run_chunk, run_store
 from framework.control.variations import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
@@ -523,3 +523,10 @@ def test_shifted_joints_move_all_that_they_carry():
         parent = nominal.model.parents[j]
         added.append(added[parent] + data.oMi[parent].rotation @ shifts[j - 1])
         np.testing.assert_allclose(moved.oMi[j].translation, data.oMi[j].translation + added[j], atol=1e-12)
+
+
+def test_runs_are_kept_by_what_was_planned_and_not_by_how_long_it_took(tmp_path):
+    plan = {"duration": 1.5, "law": [0.0, 1.0], "seconds": 0.2}
+    folder = run_store(tmp_path, {"plan": plan}, "lqr").folder
+    assert run_store(tmp_path, {"plan": {**plan, "seconds": 0.3}}, "lqr").folder == folder
+    assert run_store(tmp_path, {"plan": {**plan, "duration": 1.4}}, "lqr").folder != folder
