@@ -41,8 +41,9 @@ def iterate_results(
     If the iteration ends early, waiting tasks are cancelled.
 
     Args:
-        compute: must be picklable for an executor of processes.
-        executor: None computes the results in this process, in the order of the tasks.
+        compute: returns the result of a task; must be picklable for an executor of processes.
+        tasks: arguments of `compute`, by name.
+        executor: computes the results; None computes them in this process, in the order of the tasks.
 
     Raises:
         Exception: what `compute` raises.
