@@ -457,9 +457,7 @@ def _check_result(
     if max_held_torque:
         result = replace(result, certificate=replace(result.certificate, max_held_torque=max_held_torque))
     planned_friction = PlannedFriction.from_speed(
-        motor_friction(robot, friction),
-        lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],
-        result.duration,
+        motor_friction(robot, friction), partial(result.motor_angle, order=1), result.duration
     )
     return result if planned_friction is None else replace(result, friction=planned_friction)
 

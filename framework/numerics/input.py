@@ -51,24 +51,23 @@ def read_text(
 def csv_rows(where: str, text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number in which each row of a CSV text ends, and its cells; skip empty lines.
 
+    Cells are separated by commas or, if the first line has none, by semicolons or tabs. These leave the comma
+    to decimals, which become points.
+
     Raises:
-        InvalidInput: the text is empty or no CSV, such as a quote that does not end, or its cells are
-            separated by semicolons or tabs; `where` names the file.
+        InvalidInput: the text is empty or no CSV, such as a quote that does not end; `where` names the file.
     """
     first = text.lstrip().partition("\n")[0]
     if not first:
         raise InvalidInput(f"{where}: is empty")
-    if "," not in first and (";" in first or "\t" in first):
-        raise InvalidInput(
-            f"{where}: line 1: no commas; save it with commas between cells and decimal points"
-        )
-    reader = csv.reader(io.StringIO(text))
+    separator = next((mark for mark in ",;\t" if mark in first), ",")
+    reader = csv.reader(io.StringIO(text), delimiter=separator)
     line = 0
     try:
         for cells in reader:
             line = reader.line_num
             if cells:
-                yield line, cells
+                yield line, cells if separator == "," else [cell.replace(",", ".") for cell in cells]
     except csv.Error as error:
         raise InvalidInput(f"{where}: line {line + 1}: not a row of CSV: {error}") from None
 

@@ -429,6 +429,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         return {"start_speed": list(evidence.start_speed)}
     if evidence.duration is not None:
         return {"longest" if request.duration is None else "duration": evidence.duration}
+    if evidence.without_times:
+        return {"times": None}
     if evidence.limits is None:
         return None
     remedy = {}

@@ -72,7 +72,8 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
             draw_dot(ax, crossing.time, getattr(crossing, key), size=3)
     _label_time(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
-    axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
+    title = plan.reason if plan.is_chain else f"{kind} of degree {plan.law.degree}"
+    axes[0].set_title(title, loc="left")
     return axes
 
 

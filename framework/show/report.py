@@ -107,6 +107,10 @@ def _law_html(plan: CrossingPlan) -> str:
         f"It is a polynomial of degree {plan.law.degree}: s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1), "
         f"with Chebyshev polynomials T<sub>k</sub> and T = {plan.duration:g} s."
     )
+    if plan.is_chain:
+        formula = (
+            f"It is {plan.reason}, whose path is their motion: s(t) = t / T with T = {plan.duration:g} s."
+        )
     if plan.optimality is not None:
         specification = plan.optimality.specification
         formula = (

@@ -376,3 +376,20 @@ def test_springs_are_compared_as_shares_of_the_robot_s_length():
     )
     name, size = Comparison(LEVELS[0], motion, np.zeros(1), np.zeros(1)).deflection
     assert (name, size) == ("rod", pytest.approx(0.008, rel=1e-3))
+
+
+def test_errors_are_looked_at_as_near_to_a_crossing_on_either_side():
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "C")
+    beside = ReferenceMotion.of(plan, robot, 0.01).times - plan.crossings[0].time
+    before, after = np.sort(-beside[beside < 0])[:10], np.sort(beside[beside > 0])[:10]
+    assert after[0] < 1e-5 * plan.duration
+    np.testing.assert_allclose(before, after, rtol=1e-6)
+
+
+def test_laws_differ_by_the_largest_distance_between_them():
+    times = np.linspace(0.0, 1.5, 301)
+    study = SimpleNamespace(times=times, highest=SimpleNamespace(law=lambda t: t / 1.5))
+    other = SimpleNamespace(motion=SimpleNamespace(law=lambda t: t / 1.5 - 0.02 * np.sin(np.pi * t / 1.5)))
+    assert FidelityStudy.law_difference(study, other) == pytest.approx(0.02, rel=1e-12)
+    assert FidelityStudy.law_difference(study, SimpleNamespace(motion=None)) == np.inf

@@ -158,6 +158,13 @@ def test_nodes_keep_clear_of_instants(size):
         assert gap > 0.02 * spacing
 
 
+def test_of_six_sizes_the_grid_takes_the_one_farthest_from_an_instant_for_its_spacing():
+    for instant in np.random.default_rng(0).uniform(START, END, 40):
+        gaps = [size * np.abs(TimeGrid(WHOLE, size).times - instant).min() for size in range(32, 38)]
+        chosen = TimeGrid.clear_of(np.array([instant]), WHOLE, 32).size
+        assert gaps[chosen - 32] > 0.995 * max(gaps)
+
+
 def test_without_instants_the_grid_is_the_one_asked_for():
     assert TimeGrid.clear_of(np.empty(0), WHOLE, 32).size == 32
 
