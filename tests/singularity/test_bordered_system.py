@@ -124,7 +124,7 @@ def test_a_robot_of_motors_alone_has_nothing_to_escape():
 
 @pytest.mark.parametrize("name", ["delta", "balls"])
 def test_the_gradient_of_g_is_that_of_differences(name):
-    """Turns about two axes of a ball do not commute: without that term the gradient is wrong by a fiftieth."""
+    """Turns about two axes of a ball do not commute; without that term it is wrong by a fiftieth."""
     robot = robots.load(name) if name == "delta" else on_balls()
     step, rng = 1e-3 * robot.column_scale, np.random.default_rng(5)
     q = integrate(
