@@ -178,7 +178,7 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
-        raise InvalidInput("--duration: required with --from and --to").advising({"duration": 1.0})
+        raise InvalidInput("--duration: required with --from and --to, in seconds")
     return Request.of(robot, along, **typed)
 
 

@@ -46,7 +46,7 @@ def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a r
 
 def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:
     """Add an option that takes a number, or several with `nargs`."""
-    group.add_argument(flag, type=float, metavar=metavar, help=text, **settings)
+    group.add_argument(flag, metavar=metavar, help=text, **{"type": float, **settings})
 
 
 def not_empty(text: str) -> str:

@@ -61,10 +61,10 @@ COLUMNS = (
     "why",
 )
 DIFFERENCES = (  # of the robots from their model: option, default value, meaning
-    ("payload", 0.05, "share of the payload, uniform in +-"),
+    ("payload", 0.05, "share of the payload, such as 10%% or 0.1, uniform in +-"),
     ("stiffness", 0.0, "share of each spring's stiffness, uniform in +-"),
     ("places", 0.0, "[m] standard deviation of each joint's place"),
-    ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
+    ("friction", 0.0, "share of each motor's peak torque, its Coulomb friction, uniform from 0"),
     ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
     ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
     ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
@@ -175,6 +175,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
             f"{meaning} (default: {default:g})",
             dest=f"spread_{name}",
             default=default,
+            type=_share if meaning.startswith("share") else float,
         )
     loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
@@ -220,6 +221,14 @@ def _controller_label(text: str) -> str:
     except InvalidInput as problem:
         raise argparse.ArgumentTypeError(str(problem)) from None
     return text
+
+
+def _share(text: str) -> float:
+    """Parse a share such as 10% or 0.1; an argparse type."""
+    try:
+        return arguments.share("share", text)
+    except InvalidInput as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
 
 
 def run_robustness(options: Namespace) -> Report:

@@ -46,10 +46,9 @@ def iterate_results(
     If the iteration ends early, waiting tasks are cancelled.
 
     Args:
-        compute: returns the result of a task; must be picklable for an executor of processes.
-        tasks: arguments of `compute`, by name.
-        executor: computes the results; None computes them in this process, in the order of the tasks. Beside
-            `Workers` this process takes the last of the tasks that have not begun.
+        compute: must be picklable for an executor of processes.
+        executor: None computes the results in this process, in the order of the tasks. Beside `Workers` this
+            process takes the last of the tasks that have not begun.
 
     Raises:
         Exception: what `compute` raises.
