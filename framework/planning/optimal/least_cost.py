@@ -287,7 +287,7 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, lowest), 3)
     second_difference = np.abs(triples @ [1.0, -2.0, 1.0])
     first_of_bend = np.flatnonzero(second_difference > MAX_BEND * triples.min(axis=1))
-    knots = basis.knots
+    knots = basis.splines.knots
     degree = basis.degree
     # ends of the stretches to cut; the middle spline of a bend has the number first_of_bend + 1
     start = np.concatenate([knots[low], knots[first_of_bend + 3]])
