@@ -183,7 +183,7 @@ def forces_of_neighbour(robot: ParallelRobot, balance: LoadedBalance, prescribed
     """
     columns, units = locked_columns(robot)
     closed = balance.closed
-    if not np.array_equal(prescribed.x, closed.x):  # a law of time moves the poses, one of s their rates alone
+    if not np.array_equal(prescribed.x, closed.x):  # the law is one of time, not of s
         closed = close_loops(robot, prescribed.x, closed.q)
     _, load = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)
     multipliers = balance.multipliers * loop_weights(robot)
