@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -396,7 +396,9 @@ def of_study(member: str, **values):
     """A member of a study that has these values alone."""
     attribute = vars(FidelityStudy)[member]
     study = SimpleNamespace(**values)
-    return attribute.fget(study) if isinstance(attribute, property) else partial(attribute, study)
+    if isinstance(attribute, property | cached_property):
+        return attribute.__get__(study)
+    return partial(attribute, study)
 
 
 def test_levels_above_the_one_that_is_enough_and_are_not_show_luck():
@@ -431,3 +433,20 @@ def test_a_level_s_largest_deflection_is_told_with_its_spring():
     indicators = SimpleNamespace(error={"links": 0.0}, words={"links": ""})
     told = of_study("_entry", indicators=indicators, **none)(comparison)
     assert told["deflection"] == {"spring": "left_rod", "largest": 2e-5}
+
+
+def test_work_of_neglected_friction_is_a_share_of_that_of_the_motors(monkeypatch):
+    """Joints at sin t and 2 against 0.1 and 0.3 N m for pi seconds; a motor gives 5 sin t at cos t."""
+    names = vars(FidelityStudy)["neglected_work"].func.__globals__
+    monkeypatch.setitem(names, "neglected_friction", lambda dynamics: np.array([0.1, 0.3]))
+    plan = SimpleNamespace(
+        dynamics=None,
+        duration=np.pi,
+        velocity=lambda t: np.column_stack([np.sin(t), 0.0 * t - 2.0]),
+        torque=lambda t: 5.0 * np.sin(t)[:, None],
+        motor_angle=lambda t, order: np.cos(t)[:, None],
+    )
+    lost, given = 0.1 * 2.0 + 0.3 * 2.0 * np.pi, 5.0
+    assert of_study("neglected_work", highest=plan) == pytest.approx(lost / given, rel=1e-4)
+    plan.torque = lambda t: 0.0 * t[:, None]
+    assert of_study("neglected_work", highest=plan) == np.inf
