@@ -19,7 +19,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     assembled_at,
     linearised_at,
-    passive_matrix,
     type1_matrix,
     type2_matrix,
 )
@@ -44,7 +43,6 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, se
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import least_singular_values
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
-from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
@@ -137,7 +135,7 @@ def nearest_singular_pose(
     nearest = _nearest_singular(centre, crossed, reach)
 
     # prove that no singular pose is nearer
-    radius = reach if nearest is None else nearest.distance
+    radius = reach if nearest is None else float(np.linalg.norm(nearest[1]))
     proved = prove_regular_ball(robot, centre.q, centre.x, radius, max_cells=max_cells)
     result = NearestSingularPose(
         at_least=proved * unit_length,
@@ -149,9 +147,9 @@ def nearest_singular_pose(
     )
     if nearest is None:
         return result
-    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None])).twist
-    x = centre.coordinates(nearest.z)
-    return replace(result, distance=radius * unit_length, x=x, q=nearest.q, twist=twist)
+    q, z = nearest
+    twist = uncontrolled_motion(robot, linearised_at(robot, q[None])).twist
+    return replace(result, distance=radius * unit_length, x=centre.coordinates(z), q=q, twist=twist)
 
 
 class _Centre(NamedTuple):
@@ -193,18 +191,6 @@ class _RaySegments(NamedTuple):
     q: Array  # (K, nq) at the start
     start: Array  # (K, n) offsets from the centre
     end: Array  # (K, n) offsets from the centre
-
-
-class _Poses(NamedTuple):
-    """One pose or K poses, by configuration and by offset from the centre."""
-
-    q: Array  # (nq,) or (K, nq)
-    z: Array  # (n,) or (K, n)
-
-    @property
-    def distance(self) -> Any:
-        """Distance from the centre [robot lengths, rad], or distances (K,)."""
-        return np.linalg.norm(self.z, axis=-1)
 
 
 def _spread_directions(n: int) -> Array:
@@ -266,20 +252,20 @@ def _follow_rays(
     return join(crossed), join(ended), 1.0
 
 
-def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> _Poses | None:
-    """Find the singular pose nearest to the centre within reach, starting from sign changes of g.
+def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> tuple[Array, Array] | None:
+    """Find the singular pose q (nq,), z (n,) nearest to the centre, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding; g may also change
     its sign by a jump to another branch. The foot points are sought from the nearest `max_starts` sign
     changes on the segments `crossed`. `reach` is in robot lengths and rad.
     """
     max_starts = 8
-    ends = _locate_ends(centre, crossed)
-    is_singular = least_singular_values(centre.type2_matrices(ends.q)) < RANK_LOST
-    candidates = [_find_foot(centre, select(ends, k)) for k in range(min(len(ends.q), max_starts))]
-    candidates += [select(ends, k) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
-    within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
-    return min(within_reach, key=lambda pose: pose.distance, default=None)
+    q, z = _locate_ends(centre, crossed)
+    is_singular = least_singular_values(centre.type2_matrices(q)) < RANK_LOST
+    candidates = [_find_foot(centre, q[k], z[k]) for k in range(min(len(q), max_starts))]
+    candidates += [(q[k], z[k]) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
+    within_reach = [pose for pose in candidates if pose is not None and np.linalg.norm(pose[1]) <= reach]
+    return min(within_reach, key=lambda pose: float(np.linalg.norm(pose[1])), default=None)
 
 
 def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
@@ -287,14 +273,14 @@ def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
 
     The distance is in robot lengths and rad. `ended` are segments in which the branch ends.
     """
-    ends = _locate_ends(centre, ended)
-    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, ends.q))
+    q, z = _locate_ends(centre, ended)
+    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, q))
     is_type_1 = least_singular_values(matrices) < TYPE_1_END
-    return float(ends.distance[is_type_1].min(initial=np.inf))
+    return float(np.linalg.norm(z[is_type_1], axis=1).min(initial=np.inf))
 
 
-def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
-    """Locate the last poses before sign changes or ends of branches, nearest to the centre first.
+def _locate_ends(centre: _Centre, segments: _RaySegments) -> tuple[Array, Array]:
+    """Locate the last poses q (K, nq), z (K, n) before sign changes or ends of branches, nearest first.
 
     The nearest pose is located to rounding; for the other segments a few halvings are enough.
     """
@@ -304,7 +290,7 @@ def _locate_ends(centre: _Centre, segments: _RaySegments) -> _Poses:
     order = np.argsort(np.linalg.norm(coarse.start, axis=1), kind="stable")
     fine = _bisect_segments(centre, select(coarse, order[:1]), max_halvings - coarse_halvings)
     ends = join([fine, select(coarse, order[1:])])
-    return _Poses(ends.q, ends.start)
+    return ends.q, ends.start
 
 
 def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
@@ -334,10 +320,10 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
-    """Find the foot point of the centre by Newton's method from a pose; None without convergence.
+def _find_foot(centre: _Centre, q: Array, z: Array) -> tuple[Array, Array] | None:
+    """Find the foot point of the centre by Newton's method from q (nq,), z (n,); None without convergence.
 
-    Each step leads from the pose's offset z to the point of the linearised locus that is nearest to the
+    Each step leads from the offset z to the point of the linearised locus that is nearest to the
     centre, or RAY_STEP towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It
     cannot be found where the slopes are zero, or at the end of a branch. The result is a pose with g = 0, up
     to RANK_LOST.
@@ -348,9 +334,9 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
         try:
             # g and its slopes a (n,) along the offset z from the centre at one pose
             robot = centre.robot
-            linearised = linearised_at(robot, pose.q[None])
-            measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
-            E = robot.platform.rate_matrix(centre.coordinates(pose.z[None]))  # (1, n, n)
+            linearised = linearised_at(robot, q[None])
+            measure = measure_gradient(robot, linearised)
+            E = robot.platform.rate_matrix(centre.coordinates(z[None]))  # (1, n, n)
             rates = joint_rates(robot, linearised, E[0].T[:, None])[:, 0]  # (n, nv) at unit rates of x
             g = measure.g[0]
             a = (rates @ measure.by_q[0]) * robot.platform_scale
@@ -359,17 +345,17 @@ def _find_foot(centre: _Centre, pose: _Poses) -> _Poses | None:
         square = a @ a
         if not square > 0:  # zero, or NaN
             return None
-        step = a * (a @ pose.z - g) / square - pose.z
+        step = a * (a @ z - g) / square - z
         distance = float(np.linalg.norm(step))
         if distance < NEWTON_STEP:
-            return pose if abs(g) < RANK_LOST else None
+            return (q, z) if abs(g) < RANK_LOST else None
 
         # take the step, or RAY_STEP of it, if the pose stays on the branch
-        next_z = pose.z + min(1.0, RAY_STEP / distance) * step
-        end = centre.step(pose.q[None], pose.z[None], next_z[None], STEP_PARTS)
+        next_z = z + min(1.0, RAY_STEP / distance) * step
+        end = centre.step(q[None], z[None], next_z[None], STEP_PARTS)
         if end.reason[0] != PoseReason.REACHED:
             return None
-        pose = _Poses(end.q[0], next_z)
+        q, z = end.q[0], next_z
     return None
 
 

@@ -20,7 +20,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.rotations import whole_turns
 from framework.proofs.assembly_modes import assembly_modes
-from framework.singularity.traced_locus import LocusCurve, LocusPoint, TracedLocus
+from framework.singularity.traced_locus import LocusPoint, TracedLocus
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
@@ -57,7 +57,10 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     robot = locus.robot
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput(f"locus: needs one that was traced in two motors of {robot.name}, see `free`")
-    curve = _find_curve(locus, cusp)
+    curves = [curve for curve in locus.curves if any(point is cusp for point in curve.cusps)]
+    if not curves:
+        raise InvalidInput("cusp: needs to be one of `locus.cusps`")
+    curve = curves[0]
     free = [robot.actuator_names.index(name) for name in locus.free]  # the two motors
     scale = robot.column_scale[robot.actuated][free]
     # the cusp opens towards the midpoint between the points of the curve on both arms next to the cusp
@@ -78,14 +81,6 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
         if change is not None:
             return change
     return None
-
-
-def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
-    """Return the curve of the locus with this cusp."""
-    for curve in locus.curves:
-        if any(point is cusp for point in curve.cusps):
-            return curve
-    raise InvalidInput("cusp: needs to be one of `locus.cusps`")
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,15 +20,12 @@ from framework.kinematics.continuation.predictor_corrector import accept_steps, 
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_in_place
 from framework.kinematics.linearised_loops import (
-    LinearisedLoops,
-    count_lost_ranks,
     linearised_at,
     linearised_at_reference,
 )
 from framework.kinematics.modes import ModeStates, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
-from framework.tolerances import BRANCHES_CROSS
 
 STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a neighbour to a pose
@@ -227,6 +223,8 @@ def _step_once(
         opposites: steps (k,) whose ends lie halfway between their starts and other poses; states of these.
     """
     newton_steps = 10  # largest number that corrects a prediction
+    # [rad, robot lengths] a step below it is the last: it leaves the loops open by less than its square
+    last_step = 1e-6
     # predict
     # The platform's step as a twist (T, n). If the platform turns, the same change of coordinates is one
     # twist at the start and another one at the end. The one at the end gives the tangent there, by which
@@ -256,9 +254,9 @@ def _step_once(
     ends = select(states, np.arange(len(start)))  # a copy, of which the starts stay where no loop closes
     corrected = guess
     for closed, loops, _ in close_in_place(
-        robot, end, corrected, iterations=newton_steps, farthest=MAX_NEWTON_STEP
+        robot, end, corrected, iterations=newton_steps, farthest=MAX_NEWTON_STEP, enough=last_step
     ):
-        # the loops before a last step of rounding serve for its end
+        # the loops before so short a step serve for its end
         closed_states = ModeStates.of(robot, loops)._replace(q=corrected[closed])
         accepted, _correction = accept_steps(
             robot,
@@ -266,16 +264,8 @@ def _step_once(
             prediction[closed],
             closed_states.joint_rates(robot, end_twist[closed]),
             keeps_mode=share_working_mode(robot, select(states, closed), closed_states),
-            are_apart=partial(_are_apart, robot, loops),
+            ends=loops,
         )
         reason[closed] = np.where(accepted, PoseReason.REACHED, PoseReason.OTHER_MODE)
         assign(ends, closed, closed_states)
     return StepEnds(ends, reason)
-
-
-def _are_apart(robot: ParallelRobot, loops: LinearisedLoops, poses: IntArray) -> BoolArray:
-    """Return at which poses, indices (k,) of `loops`, no branches cross: the loops keep their rank.
-
-    Singular values below BRANCHES_CROSS count as lost.
-    """
-    return count_lost_ranks(robot, loops.select(poses), BRANCHES_CROSS) == 0

@@ -93,7 +93,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         return evaluate_equilibrium(robot, q_on_curve, Load(load.w, share, load.preload[rows]))
 
     motors_at_rest = np.zeros((len(q), robot.nv))
-    ends = Curves(robot, robot.unlocked, motors_at_rest, evaluate).follow(
+    ends, reasons = Curves(robot, robot.unlocked, motors_at_rest, evaluate).follow(
         q,
         load.share,
         evaluate_equilibrium(robot, q, load),
@@ -101,7 +101,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         to_rounding=True,
         accept=lambda ends: (_is_stable(ends.equations.H), deflects_little(robot, ends.points.q)),
     )
-    reason = np.array([LOAD_REASONS[CurveReason(end)] for end in ends.reason], dtype=np.uint8)
+    reason = np.array([LOAD_REASONS[CurveReason(end)] for end in reasons], dtype=np.uint8)
 
     # a load that is carried may have led the robot into another assembly mode
     linearised = linearised_at(robot, ends.q)

@@ -66,11 +66,11 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
         return CurveEquations(share * balance.F / K.max(), slopes[None] / K.max())
 
     first_share = np.array([FIRST_SHARE])
-    ends = Curves(robot, robot.elastic, np.zeros((1, robot.nv)), evaluate).follow(
+    end, reason = Curves(robot, robot.elastic, np.zeros((1, robot.nv)), evaluate).follow(
         q_at_rest,
         first_share,
         evaluate(q_at_rest, first_share, np.zeros(1, dtype=np.intp)),
         longest=np.full(1, LOAD_STEP),
         accept=lambda ends: (np.ones(len(ends.rows), dtype=bool),) * 2,
     )
-    return float(ends.share[0]) if ends.reason[0] == CurveReason.TURNED else None
+    return float(end.share[0]) if reason[0] == CurveReason.TURNED else None

@@ -51,8 +51,7 @@ class ClosedPose(NamedTuple):
     """A configuration with closed loops, and its distance from the reference."""
 
     q: Array  # (nq,)
-    joint: str  # name of the joint farthest from the reference, of those that it states
-    distance: str  # of that joint from the reference, such as "0.6 rad"
+    farthest: str  # joint, of those that the reference states, and how far it is away, as in "knee 0.6 rad"
 
 
 def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -> ClosedPose:
@@ -75,18 +74,15 @@ def _search_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPos
     """Find a pose like `find_closed_pose`, by one search in each group of loops."""
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
-    groups = _group_loops(mechanism, lower, upper)
-    if near_platform is not None:
-        groups = [_whole_group(mechanism, lower, upper, near_platform)]
-    for group in groups:
+    for group in _group_loops(mechanism, lower, upper, near_platform):
         u[group.columns] = _find_nearest_offsets(group)
     step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
     moved = stated if len(stated) else np.arange(mechanism.nv)
     farthest = int(moved[np.argmax(np.abs(u[moved]))])
-    distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
-    return ClosedPose(_close_again(mechanism, q), mechanism.coordinates.name_of(farthest), distance)
+    name, unit = mechanism.coordinates.name_of(farthest), mechanism.unit_of(farthest)
+    return ClosedPose(_close_again(mechanism, q), f"{name} {abs(step[farthest]):.3g} {unit}")
 
 
 def _close_again(mechanism: Mechanism, q: Array) -> Array:
@@ -118,11 +114,9 @@ def can_close(
     offsets = (positions - reference[columns]) / mechanism.column_scale[columns]
     lower[columns] = offsets
     upper[columns] = offsets + SAME_PLACE * np.maximum(np.abs(offsets), 1.0)
-    groups = _group_loops(free, lower, upper)
-    if near_platform is not None:
-        groups = [_whole_group(free, lower, upper, near_platform)]
+    groups = _group_loops(free, lower, upper, near_platform)
     try:
-        misses = [group.miss(_find_nearest_offsets(group)) for group in groups]
+        misses = [group.residual(_find_nearest_offsets(group))[group.gaps.stop :] for group in groups]
     except NotAssembled:
         return False
     return bool(np.abs(np.concatenate(misses)).max(initial=0.0) < LOOP_GAP)
@@ -145,39 +139,36 @@ class _Group:
     platform: PlatformCoordinates | None = None  # that is to come near to a target
     target: Array | None = None  # (n,) its coordinates there
 
-    def gap(self, u: Array) -> Array:
-        """Compute residuals (m + 3 d,) at u: m loop equations [robot lengths or rad], d direction gaps."""
+    def residual(self, u: Array) -> Array:
+        """Compute all residuals (m + 3 d + n,) at u [robot lengths or rad].
+
+        They are m loop equations, d direction gaps, and the offset of the platform from a target; n = 0
+        without one.
+        """
         frames = self._frames(u)
         equations = scaled_equations(self.mechanism, self.rows, frames)
-        return np.concatenate([equations.residual[0], direction_gaps(self.directions, frames).ravel()])
+        parts = [equations.residual[0], direction_gaps(self.directions, frames).ravel()]
+        if self.platform is not None and self.target is not None:
+            offset = self.platform.residual(frames, self.target[None])[0]  # (n,) [m, rad]
+            parts.append(offset / self.mechanism.unit_lengths(~self.platform.translations))
+        return np.concatenate(parts)
 
     def slope(self, u: Array) -> Array:
-        """Compute the derivative (m + 3 d, k) of `gap` along u."""
+        """Compute the derivative (m + 3 d + n, k) of `residual` along u."""
         frames = self._frames(u)
         equations = scaled_equations(self.mechanism, self.rows, frames)
         # (d, 3, nv)
         direction_slopes = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
         rows = [equations.jacobian[0], direction_slopes.reshape(-1, self.mechanism.nv)]  # (m, nv), (3 d, nv)
+        if self.platform is not None:
+            lengths = self.mechanism.unit_lengths(~self.platform.translations)
+            rows.append(scale_jacobian(self.mechanism, self.platform.jacobian(frames)[0], lengths))
         return np.concatenate(rows)[:, self.columns]
 
-    def miss(self, u: Array) -> Array:
-        """Compute the offset (n,) [robot lengths, rad] of the platform from its target at u (k,).
-
-        Without a target it is empty.
-        """
-        if self.platform is None or self.target is None:
-            return np.empty(0)
-        offset = self.platform.residual(self._frames(u), self.target[None])[0]  # (n,) [m, rad]
-        is_rotation = ~self.platform.translations
-        return offset / self.mechanism.unit_lengths(is_rotation)
-
-    def miss_slope(self, u: Array) -> Array:
-        """Compute the derivative (n, k) of `miss` along u."""
-        if self.platform is None:
-            return np.empty((0, len(u)))
-        jacobian = self.platform.jacobian(self._frames(u))[0]
-        lengths = self.mechanism.unit_lengths(~self.platform.translations)
-        return scale_jacobian(self.mechanism, jacobian, lengths)[:, self.columns]
+    @property
+    def gaps(self) -> slice:
+        """The residuals of loops and directions, without the platform's."""
+        return slice(len(self.rows.names) + 3 * len(self.directions.closures))
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start (k,) that close the loops best.
@@ -191,32 +182,31 @@ class _Group:
         solver = "lsmr" if len(start) > 1 else "exact"
         bounds = self.lower, self.upper
         if self.target is not None:  # first at the target, if it is within reach
-            start = least_squares(
-                lambda u: np.concatenate([self.gap(u), self.miss(u)]),
-                start,
-                lambda u: np.concatenate([self.slope(u), self.miss_slope(u)]),
-                bounds=bounds,
-                **CLOSING,
-            ).x
-        answer = least_squares(self.gap, start, self.slope, bounds=bounds, tr_solver=solver, **CLOSING)
+            start = least_squares(self.residual, start, self.slope, bounds=bounds, **CLOSING).x
+        answer = least_squares(
+            lambda u: self.residual(u)[self.gaps],
+            start,
+            lambda u: self.slope(u)[self.gaps],
+            bounds=bounds,
+            tr_solver=solver,
+            **CLOSING,
+        )
         return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
         """Find the smallest offsets u (k,) near a start that nearly close the loops, near the target.
 
-        They minimise the sum of the squares of `weights` u, and of gap and miss over `GAP_PER_RADIAN`.
+        They minimise the sum of the squares of `weights` u, and of residuals over `GAP_PER_RADIAN`.
         """
         from scipy.optimize import least_squares
 
         def residual(u: Array) -> Array:
-            """Compute the weighted gaps and misses, then the weighted offsets, (m + 3 d + n + k,)."""
-            gaps = np.concatenate([self.gap(u), self.miss(u)])
-            return np.concatenate([gaps / GAP_PER_RADIAN, self.weights * u])
+            """Compute the weighted residuals, then the weighted offsets, (m + 3 d + n + k,)."""
+            return np.concatenate([self.residual(u) / GAP_PER_RADIAN, self.weights * u])
 
         def slope(u: Array) -> Array:
             """Compute the derivative (m + 3 d + n + k, k) of this residual."""
-            slopes = np.concatenate([self.slope(u), self.miss_slope(u)])
-            return np.concatenate([slopes / GAP_PER_RADIAN, np.diag(self.weights)])
+            return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.diag(self.weights)])
 
         answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY_CLOSING)
         return np.asarray(answer.x)
@@ -231,17 +221,32 @@ class _Group:
         return frames_at(self.mechanism, self.configuration(u)[None])
 
 
-def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
-    """Split the loop equations into groups that share no joint.
+def _group_loops(
+    mechanism: Mechanism, lower: Array, upper: Array, target: Array | None = None
+) -> list[_Group]:
+    """Split the loop equations into groups that share no joint; a target makes one group of all.
 
     A group is a connected component of the graph in which two of the m rows are joined if both depend on a
     joint. Springs stay at rest, so their joints join no rows.
 
     Args:
         lower, upper: (nv,) limits of the joints as offsets from the reference [rad, robot lengths].
+        target: (n,) platform coordinates.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
+
+    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)  # of the offsets
+    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
+    directions = mechanism.directions
+    if target is not None:
+        platform = platform_coordinates(mechanism.description.platform, mechanism.model)
+        platform = platform.choose_chart(frames_at(mechanism, mechanism.q_near[None]).platform_rotation)
+        columns = mechanism.joints
+        bounds = lower[columns], upper[columns]
+        weights *= UNSTATED_WEIGHT  # the target comes first
+        rows = mechanism.rows
+        return [_Group(mechanism, rows, directions, columns, *bounds, weights[columns], platform, target)]
 
     carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint moves a frame
     # (m, nv) whether a row depends on a joint, which then moves only one of the row's two bodies
@@ -252,41 +257,15 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
 
     groups = []
-    weights = _weights(mechanism)
-    directions = mechanism.directions
     for k in range(count):
-        rows = np.flatnonzero(label == k)
-        columns = np.flatnonzero(depends[rows].any(axis=0))
-        table = mechanism.rows.take(rows)
+        is_row = label == k
+        columns = np.flatnonzero(depends[is_row].any(axis=0))
+        table = mechanism.rows.take(np.flatnonzero(is_row))
         closures = [name.rpartition(".")[0] for name in table.names]  # names of rows are closure.axis
         locked = select(directions, np.isin(directions.closures, closures))
         bounds = lower[columns], upper[columns]
         groups.append(_Group(mechanism, table, locked, columns, *bounds, weights[columns]))
     return groups
-
-
-def _weights(mechanism: Mechanism) -> Array:
-    """Return the weights (nv,) of the offsets: 1 for joints that the reference states."""
-    weights = np.full(mechanism.nv, UNSTATED_WEIGHT)
-    weights[velocity_columns(mechanism.model, mechanism.description.reference)] = 1.0
-    return weights
-
-
-def _whole_group(mechanism: Mechanism, lower: Array, upper: Array, target: Array) -> _Group:
-    """Return all loop equations as one group, with the platform's target (n,).
-
-    Args:
-        lower, upper: (nv,) limits of the joints as offsets from the reference [rad, robot lengths].
-        target: (n,) platform coordinates.
-    """
-    platform = platform_coordinates(mechanism.description.platform, mechanism.model)
-    platform = platform.choose_chart(frames_at(mechanism, mechanism.q_near[None]).platform_rotation)
-    columns = mechanism.joints
-    weights = UNSTATED_WEIGHT * _weights(mechanism)[columns]  # the target comes first
-    bounds = lower[columns], upper[columns]
-    return _Group(
-        mechanism, mechanism.rows, mechanism.directions, columns, *bounds, weights, platform, target
-    )
 
 
 def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
@@ -332,7 +311,12 @@ def _find_nearest_offsets(group: _Group) -> Array:
                 break
     if not poses:
         raise _still_open_error(group, best_u)
-    return min(poses, key=lambda u: float(np.linalg.norm(np.concatenate([group.miss(u), group.weights * u]))))
+
+    def distance(u: Array) -> float:
+        """Compute the distance of a pose from the target and from the reference."""
+        return float(np.linalg.norm(np.append(group.residual(u)[group.gaps.stop :], group.weights * u)))
+
+    return min(poses, key=distance)
 
 
 def _find_with_fewer_limits(
@@ -374,7 +358,7 @@ def _find_with_fewer_limits(
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; offsets `u` (k,) have the least gap."""
     mechanism, q = group.mechanism, group.configuration(u)
-    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # of the loop equations, without directions
+    gap = np.abs(group.residual(u))[: len(group.rows.names)]  # of the loop equations, without directions
     row = np.argmax(gap)
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length

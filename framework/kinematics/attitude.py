@@ -184,8 +184,7 @@ class TwoAngles(DirectionChart):
     """Two axes a, b of the base: R = R_a(x_1) R_b(x_2) R_c(free), x_2 within a right angle.
 
     The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c. The powers of the two couples on w are
-    dx_1 and dx_2, whatever the free rate is. Let u = R c, q the component of u normal to a, and a x b = h c
-    with h = +-1. Then the first couple is a - (a . u) q / q^2, the second is R_a b = h u x a / |q|.
+    dx_1 and dx_2, whatever the free rate is. They depend on u = R c and on the `handedness` h: a x b = h c.
     """
 
     @property
@@ -199,10 +198,7 @@ class TwoAngles(DirectionChart):
         return float(np.linalg.det(np.eye(3)[[*self.axes, self.frame_axis]]))
 
     def coordinates(self, rotation: Array) -> Array:
-        """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c.
-
-        `axes` are the indices of a and b, `frame_axis` is that of c; a x b = h c with the `handedness` h.
-        """
+        """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c."""
         u = rotation[:, :, self.frame_axis]
         along_a, along_b, along_c = u[:, [*self.axes, self.frame_axis]].T  # (T,) each
         # u = h sin x_2 a + cos x_2 (cos x_1 c - h sin x_1 b), with cos x_2 >= 0
@@ -213,13 +209,12 @@ class TwoAngles(DirectionChart):
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
-        u = R c (T, 3) is the direction of the frame's third axis, and u' = `du` its rate; primes are time
-        derivatives. q = u - (a . u) a is the part of u normal to the first axis a, and a x b = h c with the
-        `handedness` h = +-1. With p = q / q^2, which has the direction of q and the length 1 / |q|, and the
-        rate g = p . q' of log |q|, the couples and their rates are
+        Primes are time derivatives, u' = `du`. q = u - (a . u) a is the part of u (T, 3) normal to the first
+        axis a. With p = q / q^2, which has the direction of q and the length 1 / |q|, and the rate g = p . q'
+        of log |q|, the couples and their rates are
 
             a - (a . u) p             rate  -(a . u') p - (a . u) p',    p' = q' / q^2 - 2 g p
-            b = h u x a / |q|         rate  h u' x a / |q| - g b
+            R_a b = h u x a / |q|     rate  h u' x a / |q| - g R_a b
         """
         a = np.eye(3)[self.axes[0]]
         au, dau = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate

@@ -199,7 +199,7 @@ class FrameMotions(NamedTuple):
         at c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt for origins.
         """
         velocity = frame_velocities(twist, placements)
-        acceleration = frame_velocities(twist_rate, placements) + turn_vectors(twist, velocity)
+        acceleration = frame_velocities(twist_rate, placements) + cross(twist[..., None, 3:], velocity)
         return FrameMotions(twist, twist_rate, np.array([placements, velocity, acceleration]))
 
 
@@ -225,11 +225,6 @@ def rotation_matrices(placements: Array) -> Array:
     return axes.swapaxes(-1, -2)
 
 
-def turn_vectors(twist: Array, vectors: Array) -> Array:
-    """Compute w x c (..., F, 4, 3) for `vectors` c and the angular part w of `twist`."""
-    return cross(twist[..., None, 3:], vectors)
-
-
 def frame_velocities(twist: Array, placements: Array) -> Array:
     """Compute the velocities (..., F, 4, 3) of the axes and the origins of F frames.
 
@@ -237,7 +232,7 @@ def frame_velocities(twist: Array, placements: Array) -> Array:
         twist: (..., F, 6) twists (linear, angular) of the frames' bodies at the base's origin.
         placements: (..., F, 4, 3) the three axes of each frame, then its origin.
     """
-    velocities = turn_vectors(twist, placements)
+    velocities = cross(twist[..., None, 3:], placements)  # w x c
     velocities[..., 3, :] += twist[..., :3]  # axes are directions, without linear velocity
     return velocities
 

@@ -315,25 +315,15 @@ def _driving_weights(robot: ParallelRobot) -> Array:
     reference.
     """
     weights = np.zeros((len(robot.structure.idle), robot.nv))
-    damping = _isotropic_ball_values(robot, robot.joint_damping)
-    armature = _isotropic_ball_values(robot, robot.model.armature)
-    if len(weights) and (damping.any() or armature.any()):
-        reference_motions = turn_motions(robot, linearised_at_reference(robot))  # (1, nv, k)
-        for k, motion in enumerate(reference_motions[0].T):
-            if np.any(damping * motion):  # the turn moves a damped ball
-                weights[k] = damping
-            elif np.any(armature * motion):  # no damping, but armature
-                weights[k] = armature
-    return read_only(weights)
-
-
-def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
-    """Return `values` (nv,) on balls that have the same value about all axes, zero elsewhere."""
     balls = ball_columns(robot.model)  # (b, 3)
-    same_balls = balls[np.ptp(values[balls], axis=1) == 0.0]
-    isotropic = np.zeros(robot.nv)
-    isotropic[same_balls] = values[same_balls]
-    return isotropic
+    for values in (robot.model.armature, robot.joint_damping):  # damping replaces armature
+        isotropic = np.zeros(robot.nv)  # the values of balls that have the same about all axes
+        same_balls = balls[np.ptp(values[balls], axis=1) == 0.0]
+        isotropic[same_balls] = values[same_balls]
+        if len(weights) and isotropic.any():
+            reference_motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
+            weights[(isotropic[:, None] * reference_motions).any(axis=0)] = isotropic
+    return read_only(weights)
 
 
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

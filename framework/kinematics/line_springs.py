@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.external_wrenches import AppliedWrench, wrench_slope
-from framework.kinematics.frames import FrameStack, frames_at, move_wrench
+from framework.kinematics.external_wrenches import AppliedWrench, applied_wrench, wrench_slope
+from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.mechanism import LineSprings, Mechanism
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import dot, matmul, matvec
@@ -113,22 +113,14 @@ class Lines(NamedTuple):
 
     def _pulls_on(self, k: int, tension: Array) -> tuple[AppliedWrench, AppliedWrench]:
         """Return the wrenches ON the bodies at the ends of spring k under a `tension` (T,)."""
-        force = tension[:, None] * self.u[:, k]
+        wrench = np.zeros((len(tension), 6))
+        wrench[:, :3] = tension[:, None] * self.u[:, k]  # ON the first body
+        frames = [self.mechanism.frames[ends[k]] for ends in (self.springs.first, self.springs.second)]
+        first, second = (self.mechanism.model.frames[frame].name for frame in frames)
         return (
-            self._point_force(int(self.springs.first[k]), force),
-            self._point_force(int(self.springs.second[k]), -force),
+            applied_wrench(self.mechanism, self.frames, first, wrench),
+            applied_wrench(self.mechanism, self.frames, second, -wrench),
         )
-
-    def _point_force(self, frame: int, force: Array) -> AppliedWrench:
-        """Return a force (T, 3) ON the body of a frame at its origin.
-
-        `frame` is an index into `Mechanism.frames`.
-        """
-        placed = self.mechanism.model.frames[self.mechanism.frames[frame]]
-        origin = self.frames.position[:, frame]
-        wrench = move_wrench(np.concatenate([force, np.zeros(force.shape)], axis=1), origin)
-        generalised = matvec(self.frames.screws, wrench) * self.frames.carried[frame]
-        return AppliedWrench(placed.name, placed.parentJoint, wrench, generalised, origin, turns=False)
 
     def _sum_along(self, gain: Array) -> Array:
         """Compute the sum (T, nv, nv) of J' gain J over the springs."""

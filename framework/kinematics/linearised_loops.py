@@ -112,26 +112,19 @@ class LinearisedLoops:
 
     @cached_property
     def factors(self) -> Factors:
-        """LU factors of dF/dq (T, n + m, n + m) along the moving joints, actuated and passive.
-
-        Raises:
-            numpy.linalg.LinAlgError: the numbers of equations and of these joints differ.
-        """
+        """LU factors of dF/dq (T, n + m, n + m) along the moving joints; see `_factor`."""
         return self._factor(self.equations.moving_part, "the platform and the loops")
 
     @cached_property
     def passive_factors(self) -> Factors:
-        """LU factors of P (T, m, m), the derivatives of the loops along the passive joints.
-
-        Raises:
-            numpy.linalg.LinAlgError: the numbers of loop equations and of passive joints differ.
-        """
+        """LU factors of P (T, m, m), the loops along the passive joints; see `_factor`."""
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
     def _factor(self, part: SquarePart | None, subject: str) -> Factors:
-        """Factor a part (T, k, k) of dF/dq; raise LinAlgError if the part is None, which is not square.
+        """Factor a part (T, k, k) of dF/dq.
 
-        `subject` names the part's equations in the message.
+        Raises:
+            numpy.linalg.LinAlgError: the part is None: its equations, `subject`, and joints differ in number.
         """
         if part is None:
             raise np.linalg.LinAlgError(f"{subject} do not make a square system")

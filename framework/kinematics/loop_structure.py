@@ -26,7 +26,6 @@ from framework.kinematics.assembly import (
     Closing,
     close_reference,
     joint_loops_matrix,
-    largest_gap,
     loops_at,
     nearby_configurations,
 )
@@ -298,7 +297,10 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
     rank_without_rounding = numerical_rank(matrix, ROUNDED_ROW)
     if numerical_rank(matrix) > rank_without_rounding:
         reduced = _exclude_rounded_rows(sized, closing.q)
-        if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
+        poses = [] if reduced is None else nearby_configurations(reduced, closing.q)
+        ranks = [numerical_rank(joint_loops_matrix(sized, pose), ROUNDED_ROW) for pose in poses]
+        gaps = [np.abs(loops_at(sized, pose).residual).max() for pose in poses]  # [rad, robot lengths]
+        if reduced is not None and set(ranks) == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING:
             return replace(reduced, length=mechanism.length), closing
     return mechanism, closing
 
@@ -315,19 +317,11 @@ def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
 
     None if there are no such rows, or if more than rounding keeps the loops open at q.
     """
-    rows = mechanism.rows
-    matrix = joint_loops_matrix(mechanism, q)
+    rows, loops = mechanism.rows, loops_at(mechanism, q)
+    matrix = loops.jacobian[:, mechanism.joints]
     rank = numerical_rank(matrix, ROUNDED_ROW)
-    if largest_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
+    if np.abs(loops.residual).max() > EXPORT_ROUNDING or rank == len(rows.names):
         return None
     order = pivot_rows(matrix)
     independent, others = np.sort(order[:rank]), np.sort(order[rank:])
     return replace(mechanism, rows=rows.take(independent), rounded=rows.take(others))
-
-
-def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
-    """Return whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
-    poses = nearby_configurations(reduced, q)
-    ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
-    gaps = [largest_gap(mechanism, pose) for pose in poses]
-    return ranks == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING

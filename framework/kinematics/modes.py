@@ -25,7 +25,7 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, moving_loops, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, moving_loops
 from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, join, select
@@ -131,10 +131,10 @@ def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeState
         loops = ends.loops(robot, k)
         change = np.linalg.norm(loops - starts.loops(robot, k))
         least = singular_values(loops).min(initial=np.inf)
-        shared[k] = RANK_LOST <= least <= change and all(
-            _continues_map(leg.select_map(starts.rates[k]), leg.select_map(ends.rates[k]))
-            for leg in legs(robot)
-        )
+        maps = np.array([starts.rates[k], ends.rates[k]])  # (2, k, n)
+        # of each leg the rates of its joints for the twists that determine them
+        leg_maps = [maps[:, [*leg.columns, *leg.needed]][..., leg.twists] for leg in legs(robot)]
+        shared[k] = RANK_LOST <= least <= change and all(_continues_map(*pair) for pair in leg_maps)
     return shared
 
 
@@ -166,11 +166,6 @@ class Leg(ReadOnlyArrays):
     columns: IntArray  # (k,) its joints, as indices into the columns that move: actuated, then passive
     needed: IntArray  # (j,) joints of the legs that have to be solved earlier, as indices like `columns`
     twists: IntArray  # (f,) indices of the platform's twists that determine all these joints
-
-    def select_map(self, rates: Array) -> Array:
-        """Return the rates of these joints for these twists, of those of all joints (k, n) for all twists."""
-        joints = np.append(self.columns, self.needed)
-        return rates[joints][:, self.twists]
 
 
 @lru_cache(maxsize=16)
@@ -260,13 +255,6 @@ def _legs_by_size(robot: ParallelRobot) -> list[tuple[IntArray, IntArray, IntArr
         columns = np.array([legs(robot)[k].columns for k in group])
         groups.append((group, rows, robot.moving[columns]))
     return groups
-
-
-def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the dimensionless determinant of each leg (T, legs), zero at its Type 1 singularities."""
-    M = type1_matrix(robot, linearised)
-    blocks = [M[:, leg.rows][:, :, leg.columns] for leg in legs(robot)]  # (T, k, k) each
-    return np.stack([np.linalg.det(block) for block in blocks], axis=1)
 
 
 def leg_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -1,7 +1,8 @@
 """Velocities and accelerations of all joints from those of the platform, and their exact derivatives.
 
 At prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. One
-factorisation of the moving columns solves both. Idle turns rest, or move as `idle_turns` says.
+factorisation of the moving columns solves both. Idle turns rest, or move as `idle_turns` says. All functions
+that solve for rates raise NotAssembled where the platform does not determine the joints (Type 1).
 
 An entry of J = dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
 screw S of a joint, both about the base's origin. So the rates of W and S give the rates of J.
@@ -82,9 +83,6 @@ def joint_rates(
     Args:
         platform: velocities v of the platform [m/s, rad/s].
         elastic: rates (..., T, n_e) of the deflections; zero if None.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints at some instant.
     """
     # J v = (platform, 0): zero rates of the loop equations keep the loops closed
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
@@ -93,11 +91,7 @@ def joint_rates(
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and of all joints for unit twists.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints at some instant (Type 1).
-    """
+    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and of all joints for unit twists."""
     count = len(linearised.residual)
     unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
     rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
@@ -112,26 +106,13 @@ def solve_rates(
     Args:
         right: (..., T, n + m) rates of the equations.
         elastic: (..., T, n_e) rates of the springs' joints; zero if None.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints at some instant.
     """
     rates = np.zeros((*right.shape[:-1], robot.nv))
     if elastic is not None:
         rates[..., robot.elastic] = elastic
         right = right - matvec(linearised.jacobian[:, :, robot.elastic], elastic)
-    rates[..., robot.moving] = moving_rates(robot, linearised, right)
-    return rates
-
-
-def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array) -> Array:
-    """Solve J_moving v_moving = right (..., T, n + m) for rates (..., T, moving), J = dF/dq.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints (Type 1).
-    """
     try:
-        return linearised.factors.solve(right)
+        rates[..., robot.moving] = linearised.factors.solve(right)
     except np.linalg.LinAlgError:
         raise NotAssembled(
             f"the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
@@ -140,6 +121,7 @@ def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array
             q=robot.q_near,
             residual=float(np.abs(linearised.residual).max()),
         ) from None
+    return rates
 
 
 def motion_at(
@@ -284,9 +266,6 @@ def coordinate_changes(
     Args:
         columns: joints that are coordinates, as indices into the velocity vector.
         x: platform coordinates x and their rates dx, ddx, (T, n) each.
-
-    Raises:
-        NotAssembled: the platform does not determine the joints at some instant.
     """
     n = 0 if x is None else robot.n
     k = n + len(columns)

@@ -27,7 +27,7 @@ from framework.kinematics.continuation.forward_kinematics import check_motors_ar
 from framework.kinematics.continuation.motor_curves import rates_closing_loops
 from framework.kinematics.inverse_kinematics import require_mobility
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, find_near_type2
-from framework.kinematics.motion_rates import Motion, jacobian_rates, moving_rates
+from framework.kinematics.motion_rates import Motion, jacobian_rates, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays, read_only
 
@@ -60,9 +60,7 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
-    Let M_p be the passive columns of M. L M_p = 0 at all times, so dL/dt M_p = -L dM_p/dt. The solution of
-    least norm is dL/dt = -L dM_p/dt M_p^+. Another choice of L adds R A, R B, R C to the rates, with one
-    matrix R (m, m).
+    Another choice of L adds R A, R B, R C to the derivatives, with one matrix R (m, m).
     """
     jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
     return matrices_and_derivatives(robot, motion.linearised, jacobian_rate)
@@ -74,7 +72,7 @@ def matrices_and_derivatives(
     """Compute A, B, C and their derivatives along any parameter.
 
     M is dF/dq, and L annihilates its passive columns M_p: L M_p = 0. The derivative of L is the solution of
-    least norm of dL M_p = -L dM_p.
+    least norm of dL M_p = -L dM_p, which is dL = -L dM_p M_p^+.
 
     Args:
         jacobian_derivative: (T, n + m, nv) derivative of dF/dq along the parameter.
@@ -179,13 +177,13 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
             platform=closed.x[0],
         )
 
-    # with the platform at rest, the moving joints undo the changes of F by a unit deflection of each spring
-    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)  # (n_e, 1, n + m)
-    joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), motors first
+    # (n_e, 1, nv) of all joints with the platform at rest, at a unit rate of each deflection
+    at_rest, unit_rates = np.zeros((robot.n_e, 1, robot.n)), np.eye(robot.n_e)[:, None]
+    joints = joint_rates(robot, linearised, at_rest, unit_rates)
     return KinematicDerivatives(
         motors=_pose_derivatives(robot, closed, robot.actuated),
         springs=_pose_derivatives(robot, closed, robot.elastic),
-        q_a=joints[:, : robot.n_a].T,
+        q_a=joints[:, 0, robot.actuated].T,
     )
 
 

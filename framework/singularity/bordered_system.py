@@ -92,17 +92,6 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     return BorderedSolution(solution[:, :n], solution[:, n:])
 
 
-def bordered_solution(matrices: Array, *, border_of: int, size: int = 1) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n) with the border of one matrix.
-
-    Args:
-        border_of: index (0 .. T - 1) of the matrix whose singular vectors, those of its `size` least singular
-            values, are the border.
-        size: number of columns of the border.
-    """
-    return solve_bordered(matrices, Border.of(matrices[border_of], size))
-
-
 def determinant(G: Array) -> Array:
     """Compute det G (T,) of blocks (T, size, size)."""
     return G[:, 0, 0] if G.shape[1] == 1 else np.linalg.det(G)
@@ -133,7 +122,7 @@ def differentiate_g(matrices: Array, p: Array, size: int = 1) -> tuple[float, fl
     Returns:
         g and dg/dp at p; g at the upper end of the stencil, which has a sign also where p is a root.
     """
-    g_below, g, g_above = map(float, bordered_solution(matrices, border_of=1, size=size).g)
+    g_below, g, g_above = map(float, solve_bordered(matrices, Border.of(matrices[1], size)).g)
     p_below, _, p_above = p.tolist()
     return g, (g_above - g_below) / (p_above - p_below), g_above
 

@@ -35,6 +35,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, join, select
+from framework.numerics.ordered_sums import solve
 from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient
@@ -55,11 +56,6 @@ class Evaluated(NamedTuple):
     P: Array  # (S, m, m) passive columns of the loop equations, dimensionless; singular on the locus
     eta: Array  # (S, m) passive rates closest to a motion that locked motors do not hold, c' eta = 1
     bases: Array  # (S, R, m) of the ranges of the loops' rows, to which P refers; see `LinearisedLoops.bases`
-
-    @property
-    def passive_g_slopes(self) -> Array:
-        """Derivatives (S, m) of g, the last equation, along the passive joints, the last unknowns."""
-        return self.slopes[:, -1, -self.eta.shape[1] :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,48 +137,41 @@ class LocusEquations:
         """
         robot = self.robot
         linearised = linearised_at(robot, q, bases=bases)
-        P = passive_matrix(robot, linearised)
-        measure = measure_gradient(robot, linearised, Border.of(P) if border is None else border)
+        measure = measure_gradient(robot, linearised, border)
         gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
+        offsets, offset_slopes = self._fixed_offsets(linearised)
         # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
         slopes = [
             independent_loops_matrix(robot, linearised),
-            self._offset_slopes(linearised) * robot.column_scale,
+            offset_slopes * robot.column_scale,
             measure.by_q[:, None] * robot.column_scale,  # dg/dq
         ]
         return Evaluated(
-            values=np.concatenate([gaps, self._fixed_offsets(linearised), measure.g[:, None]], axis=1),
+            values=np.concatenate([gaps, offsets, measure.g[:, None]], axis=1),
             slopes=np.concatenate(slopes, axis=1)[:, :, robot.moving],
-            P=P,
+            P=passive_matrix(robot, linearised),
             eta=measure.eta,
             bases=linearised.bases,
         )
 
-    def _fixed_offsets(self, linearised: LinearisedLoops) -> Array:
-        """Compute the dimensionless offsets (S, n - 2) of the fixed freedoms from their values."""
-        robot = self.robot
-        if self.in_motors:
-            is_sliding = robot.sliding[robot.actuated]
-            motors = robot.actuated_coordinates(linearised.frames.q)
-            offset = (motors - self.motors) / robot.column_scale[robot.actuated]
-        else:
-            is_sliding = robot.translations
-            offset = (robot.platform.coordinates(linearised.frames) - self.x) / robot.platform_scale
-        offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])  # equal up to whole turns
-        return offset[:, self.fixed]
+    def _fixed_offsets(self, linearised: LinearisedLoops) -> tuple[Array, Array]:
+        """Compute dimensionless offsets (S, n - 2) of the fixed freedoms, and slopes (S, n - 2, nv).
 
-    def _offset_slopes(self, linearised: LinearisedLoops) -> Array:
-        """Compute the derivatives (S, n - 2, nv) of the fixed offsets by q [1/rad, 1/m].
-
-        They are exact where the loops are closed.
+        The slopes by q [1/rad, 1/m] are exact where the loops are closed.
         """
         robot = self.robot
         if self.in_motors:
-            slopes = np.diag(1.0 / robot.column_scale)[robot.actuated[self.fixed]]
-            return np.broadcast_to(slopes, (len(linearised.residual), *slopes.shape))
-        x = robot.platform.coordinates(linearised.frames)
-        dx_dq = np.linalg.solve(robot.platform.rate_matrix(x), linearised.platform)  # E dx = v, (S, n, nv)
-        return (dx_dq / robot.platform_scale[:, None])[:, self.fixed]
+            units, is_sliding = robot.column_scale[robot.actuated], robot.sliding[robot.actuated]
+            offset = robot.actuated_coordinates(linearised.frames.q) - self.motors
+            slopes = np.repeat(np.eye(robot.nv)[None, robot.actuated], len(offset), axis=0)
+        else:
+            units, is_sliding = robot.platform_scale, robot.translations
+            x = robot.platform.coordinates(linearised.frames)
+            offset = x - self.x
+            slopes = solve(robot.platform.rate_matrix(x), linearised.platform)  # dx/dq, of v = E dx
+        offset = offset / units
+        offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])  # equal up to whole turns
+        return offset[:, self.fixed], (slopes / units[:, None])[:, self.fixed]
 
 
 # ------------------------------------------------------------------ tracing
@@ -216,6 +205,10 @@ class _Poses(NamedTuple):
     """Configurations of S curves."""
 
     q: Array  # (S, nq)
+
+
+STALLED = ("stalled", "stalled")  # ends of a curve
+STALL_RATIO = 0.25  # of a step to the one that failed
 
 
 class Curve(NamedTuple):
@@ -275,7 +268,7 @@ def trace_curve(
         is_inside = inside(ahead.q)
         for row, k in enumerate(live):
             if not arrives[row]:
-                step[k] *= 0.25
+                step[k] *= STALL_RATIO
                 ends[k] = "stalled" if step[k] < MIN_STEP else ""
                 continue
             next_point = ahead.single(row)
@@ -363,11 +356,6 @@ def advance(
     return next_points, converged & (turn < MAX_TANGENT_TURN)
 
 
-def _append_tangent(slopes: Array, tangent: Array) -> Array:
-    """Return the square matrices [dF/du ; t'] (S, k, k) of slopes (S, k - 1, k)."""
-    return np.concatenate([slopes, tangent[:, None]], axis=1)
-
-
 def _turn_along(vectors: Array, directions: Array) -> Array:
     """Negate the vectors (S, k) that point against their directions (S, k)."""
     return np.where(np.sum(vectors * directions, axis=1, keepdims=True) < 0, -vectors, vectors)
@@ -390,11 +378,12 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
     if previous is not None:  # null vectors have an arbitrary sign
         tangent = _turn_along(tangent, previous.tangent)
         eta = _turn_along(eta, previous.eta)
+    g_slopes = slopes[:, -1, -eta.shape[1] :]  # (S, m) of g, the last equation, by the passive joints
     return Points(
         q=q,
         tangent=tangent,
-        determinant=np.linalg.det(_append_tangent(slopes, tangent)),
-        eta_slope=np.sum(evaluated.passive_g_slopes * eta, axis=1),  # dg along the uncontrolled motion
+        determinant=np.linalg.det(np.concatenate([slopes, tangent[:, None]], axis=1)),  # of [dF/du ; t']
+        eta_slope=np.sum(g_slopes * eta, axis=1),
         eta=eta,
         border=Border.of(evaluated.P),
         bases=evaluated.bases,

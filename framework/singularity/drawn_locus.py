@@ -14,11 +14,10 @@ import numpy as np
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, passive_matrix
-from framework.kinematics.motion_rates import joint_rates
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.motion_rates import motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.singularity.bordered_system import Border
 from framework.singularity.traced_locus import REGION_REACH, trace_locus
 from framework.singularity.type2 import has_signed_measure, measure_gradient
 from framework.tolerances import NEWTON_STEP, SAME_PLACE
@@ -122,8 +121,6 @@ def _measure_in_space(robot: ParallelRobot, linearised: LinearisedLoops) -> tupl
     Raises:
         NotAssembled: the platform does not determine the joints.
     """
-    measure = measure_gradient(robot, linearised, Border.of(passive_matrix(robot, linearised)))
-    unit_velocities = np.eye(robot.n)[robot.platform.sliding][:, None]  # (3, 1, n) for all configurations
-    velocities = np.repeat(unit_velocities, len(measure.g), axis=1)
-    rates = joint_rates(robot, linearised, velocities)  # (3, T, nv)
-    return measure.g, np.vecdot(rates, measure.by_q).T
+    measure = measure_gradient(robot, linearised)
+    _, motions = motor_speeds(robot, linearised)  # (T, nv, n) of all joints for unit velocities
+    return measure.g, np.vecmat(measure.by_q, motions)[:, robot.platform.sliding]

@@ -47,15 +47,6 @@ CLASSES = {
     "closure": ("singularity of the loops", "they do not determine how their joints move"),
 }
 
-_TYPE_1_VERDICTS = {
-    "near": "near Type 1: the leg of {joint} is nearly stretched or folded",
-    "singular": "at Type 1: the leg of {joint} is stretched or folded",
-}
-_MOTORS_STOP = (
-    "A {name}: here the motors lose their hold of the platform and can turn no further in this assembly "
-    "mode. Led by the platform, the robot goes across."
-)
-
 
 @dataclass(frozen=True, eq=False)
 class JoggedPose:
@@ -100,7 +91,10 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
     elif level != "regular":
         kind = "type_1"
-        verdict = _TYPE_1_VERDICTS[level].format(joint=weakest_leg(robot, linearised))
+        words = (
+            "at Type 1: the leg of {} is" if level == "singular" else "near Type 1: the leg of {} is nearly"
+        )
+        verdict = f"{words.format(weakest_leg(robot, linearised))} stretched or folded"
 
     has_measure = robot.n_p > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
@@ -312,7 +306,11 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         except Type2Singularity as end:
             pose = describe_jogged_pose(robot, stop_before(end.share * abs(angle), np.sign(angle)))
             name, _ = CLASSES.get(pose.kind, CLASSES["type_2"])
-            return replace(pose, stopped=_MOTORS_STOP.format(name=name))
+            reason = (
+                f"A {name}: here the motors lose their hold of the platform and can turn no further in this "
+                f"assembly mode. Led by the platform, the robot goes across."
+            )
+            return replace(pose, stopped=reason)
         except NotAssembled as end:
             return describe_jogged_pose(robot, end.q, str(end))
 

@@ -158,45 +158,39 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with the most starts first.
 
-    The curves of a mode start from the minima of |g| in this mode, and from the sign changes that no earlier
-    curve explains.
-
-    Args:
-        changes: (e, 4) indices of the poses on both sides of each sign change: i, j of the one, then i, j of
-            the other.
+    The curves of a mode start from the minima of |g| in this mode, and from the sign `changes` (e, 4) of
+    `_sign_changes` that no earlier curve explains: from every eighth first, since a curve explains many, then
+    from those that are left.
 
     Returns:
         The curves; which sign changes are left unexplained, (e,).
     """
-    minima = _find_minima(poses.g)  # (t, 2) indices i, j
+    # (t + e, 2) indices i, j of the poses from which curves may start: minima, then the first of each change
+    starts = np.concatenate([_find_minima(poses.g), changes[:, :2]])
+    q = poses.q[starts[:, 0], starts[:, 1]]  # (t + e, nq)
+    start_modes = leg_signs(equations.robot, linearised_at(equations.robot, q))  # (t + e, legs)
+    count = len(changes)
     curves = list[MapCurve]()
-    unexplained = np.ones(len(changes), dtype=bool)
-    # the mode of a sign change is that of its first pose, from which a curve would start
-    change_modes = _working_modes(equations.robot, poses, changes[:, :2])
-    minimum_modes = _working_modes(equations.robot, poses, minima)
-    modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
+    unexplained = np.ones(count, dtype=bool)
+    modes, counts = np.unique(start_modes, axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
-        is_change = (change_modes == mode).all(axis=1) & unexplained
-        is_minimum = (minimum_modes == mode).all(axis=1)
-        starts = np.concatenate([minima[is_minimum], changes[is_change, :2]])  # indices i, j
-        if len(starts):
+        is_of_mode = (start_modes == mode).all(axis=1)
+        is_minimum = is_of_mode & (np.arange(len(starts)) < len(starts) - count)
+        is_untried = is_of_mode[len(starts) - count :]
+        for is_first, stride in ((is_minimum, 8), (np.zeros_like(is_minimum), 1)):
+            tried = np.flatnonzero(is_untried & unexplained)[::stride]
+            is_untried[tried] = False
+            is_start = is_first.copy()
+            is_start[len(starts) - count + tried] = True
+            if not is_start.any():
+                continue
             # the parts of the curves on the map's branch that are not among the earlier ones
-            for curve in _trace_near(equations, poses, _configurations_at(poses, starts)):
+            for curve in _trace_near(equations, poses, q[is_start]):
                 for part in _parts_on_branch(equations, poses, curve):
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
                         curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
     return curves, unexplained
-
-
-def _configurations_at(poses: MapPoses, indices: IntArray) -> Array:
-    """Return the configurations (e, nq) at indices i, j (e, 2) of the map."""
-    return poses.q[indices[:, 0], indices[:, 1]]
-
-
-def _working_modes(robot: ParallelRobot, poses: MapPoses, indices: IntArray) -> Array:
-    """Compute the working modes (e, legs), a sign for each leg, at indices i, j (e, 2) of the map."""
-    return leg_signs(robot, linearised_at(robot, _configurations_at(poses, indices)))
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:

@@ -29,7 +29,6 @@ from framework.numerics.ordered_sums import least_singular_values, singular_valu
 from framework.singularity.bordered_system import (
     Border,
     append_border,
-    bordered_solution,
     determinant,
     solve_bordered,
 )
@@ -55,12 +54,6 @@ class MeasuredMatrix:
         panels = () if branch.continuations else branch.panels
         closed = {(float(panel.s[0]), float(panel.s[-1])): panel.linearised for panel in panels}
         return MeasuredMatrix(branch, matrix, panel_loops=closed)
-
-    @property
-    def edges(self) -> list[float]:
-        """Ends in s of the branch's panels, then the knots of the path behind them, 1 included."""
-        ends = [0.0, *(float(panel.s[-1]) for panel in self.branch.panels)]
-        return [*ends, *(float(knot) for knot in self.knots if knot > ends[-1])]
 
     def loops(self, start: float, end: float) -> LinearisedLoops:
         """Return the linearised loops at the nodes (T = SHEET_NODES) of a panel from start to end, in s."""
@@ -154,7 +147,9 @@ def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
         Unresolved: g is not resolved on a panel of the least width.
         SingularPath: the matrix is singular all along a panel.
     """
-    waiting = list(pairwise(measured.edges))[::-1]  # a stack of starts and ends, the first panel on top
+    ends = [0.0, *(float(panel.s[-1]) for panel in measured.branch.panels)]
+    edges = [*ends, *(float(knot) for knot in measured.knots if knot > ends[-1])]
+    waiting = list(pairwise(edges))[::-1]  # a stack of starts and ends, the first panel on top
     resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()
@@ -285,13 +280,11 @@ class Extremum(NamedTuple):
 
         On a side without such an s, the end of the panel is returned.
         """
-
-        def find_towards(end: float) -> float:
-            """Find the nearest such s between the extremum and an end."""
-            step = self._find_first_step(end, lambda g: np.abs(g) > level)
-            return end if step is None else step[1]
-
-        return find_towards(self.start), find_towards(self.end)
+        (_, lower), (_, upper) = (
+            self._find_first_step(end, lambda g: np.abs(g) > level) or (self.s, end)
+            for end in (self.start, self.end)
+        )
+        return lower, upper
 
     @property
     def changes_sign(self) -> bool:
@@ -370,7 +363,7 @@ def extremum_near(
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)
         stack = matrices(np.append(panel_nodes(start, end), s))
-        values = scalar(bordered_solution(stack, border_of=-1, size=size).G)  # at the nodes, then at s
+        values = scalar(solve_bordered(stack, Border.of(stack[-1], size)).G)  # at the nodes, then at s
         series = coefficients(values[:-1, None])[:, 0]
         # the last third of the coefficients is rounding if g is resolved, else it is the truncation error
         rounding = max(np.abs(series[-SHEET_NODES // 3 :]).sum(), MEASURE_ROUNDING)

@@ -13,13 +13,13 @@ from framework.kinematics.assembly import MAX_ITERATIONS
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import track_path, uncontrolled_error, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import LinearisedLoops, passive_matrix, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays, freeze
 from framework.numerics.ordered_sums import least_singular_values, singular_values
-from framework.singularity.bordered_system import Border, differentiate_g, stencil
+from framework.singularity.bordered_system import differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     VANISHING_TOGETHER,
     MeasuredMatrix,
@@ -229,7 +229,10 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         except Unresolved as unresolved:
             panels = unresolved
             suspects = [unresolved.s]
-        continued = _continue_at_first(branch, suspects)
+        # where the branch has a continuation already, no other is tried
+        fresh = [s for s in suspects if not branch.is_continued(np.array([s]))[0]]
+        attempts = (with_continuation(branch, s) for s in fresh)
+        continued = next((attempt for attempt in attempts if attempt is not None), None)
         if continued is None:
             break
         branch = continued
@@ -238,25 +241,10 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
     return type1
 
 
-def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
-    """Add a continuation to a branch at the first of the `suspects` s where one succeeds; None if none does.
-
-    Where the branch has a continuation already, no other is tried.
-    """
-    for s in suspects:
-        if not branch.is_continued(np.array([s]))[0]:
-            continued = with_continuation(branch, s)
-            if continued is not None:
-                return continued
-    return None
-
-
 def _refuse_type_1(type1: MeasuredMatrix, panels: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded.
 
-    Args:
-        type1: the Type 1 matrix along the branch.
-        panels: the panels of its g, or why there are none.
+    `panels` are those of the g of the Type 1 matrix, or why there are none.
     """
     if isinstance(panels, Unresolved):  # the branch has a kink, or meets another branch
         # The s of the least singular value among knots of the branch and s rounded to three digits, as
@@ -327,38 +315,29 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
 
 
 def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
-    """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
-    branch = passive.branch
-    s = contact.s
+    """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose.
+
+    dg/ds is positive where g grows. If several motions are uncontrolled, it is the least slope of their
+    singular values, without sign.
+    """
+    branch, s, slope = passive.branch, contact.s, contact.slope
     linearised = branch.close(s).linearised if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     freeze(linearised)
-    slope = _slope_at(passive, s, uncontrolled.corank) if contact.slope is None else contact.slope
+    if slope is None and uncontrolled.corank > 1:
+        _, slopes, _ = block_slopes(passive.evaluate, s, uncontrolled.corank)
+        slope = float(least_singular_values(slopes))
+    elif slope is None:
+        points = stencil(s)
+        P = passive.evaluate(points)  # (3, n_p, n_p)
+        _, slope, g_above = differentiate_g(P, points)
+        if points[-1] != s:  # not at the end of the path
+            # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil,
+            # beyond the root, det P has a sign, and g must have the same.
+            slope *= float(np.sign(g_above) * np.linalg.slogdet(P[-1]).sign)
     return SingularPoint.of(
         branch, s, linearised, uncontrolled, contact=contact.kind, slope=slope, resolution=contact.resolution
     )
-
-
-def _slope_at(passive: MeasuredMatrix, s: float, corank: int) -> float:
-    """Compute dg/ds at a singular point, positive where g grows.
-
-    If several motions are uncontrolled, the result is the least slope of their singular values, without sign.
-
-    Args:
-        passive: the matrix of the passive columns.
-        corank: number of uncontrolled motions at s.
-    """
-    if corank > 1:
-        return float(least_singular_values(block_slopes(passive.evaluate, s, corank)[1]))
-    points = stencil(s)
-    P = passive.evaluate(points)  # (3, n_p, n_p)
-    _, slope, g_above = differentiate_g(P, points)
-    if points[-1] == s:  # the end of the path
-        return slope
-    # The border of a singular matrix gives g an arbitrary sign. At the upper end of the stencil, beyond the
-    # root, det P has a sign, and g must have the same.
-    sign = np.sign(g_above) * np.linalg.slogdet(P[-1]).sign
-    return float(slope * sign)
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:
@@ -374,16 +353,15 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     if not n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(n_e, np.nan)
     linearised = branch.close(np.array([point.s])).linearised
-    border = Border.of(passive_matrix(robot, linearised))
-    gradient = measure_gradient(robot, linearised, border).by_q[0]  # dg/dq (nv,)
+    gradient = measure_gradient(robot, linearised).by_q[0]  # dg/dq (nv,)
 
     # slopes of g along the path, and along each deflection with the platform at rest
-    path_twist = robot.platform.path_twist(branch.path, point.s)
-    path_rates = joint_rates(robot, linearised, path_twist[None])[0]  # dq/ds (nv,)
-    platform_at_rest = np.zeros((n_e, 1, robot.n))
-    unit_deflections = np.eye(n_e)[:, None]
-    spring_rates = joint_rates(robot, linearised, platform_at_rest, unit_deflections)[:, 0]  # (n_e, nv)
-    shift = -(spring_rates @ gradient) / (path_rates @ gradient)
+    twists, deflections = np.zeros((1 + n_e, 1, robot.n)), np.zeros((1 + n_e, 1, n_e))
+    twists[0] = robot.platform.path_twist(branch.path, point.s)
+    deflections[1:, 0] = np.eye(n_e)
+    rates = joint_rates(robot, linearised, twists, deflections)[:, 0]  # dq/ds, then dq/dq_e (1 + n_e, nv)
+    path_slope, *spring_slopes = rates @ gradient
+    shift = -np.array(spring_slopes) / path_slope
     # shifts are compared with rounding for a deflection of one radian or robot length
     is_rounding = np.abs(shift * robot.column_scale[robot.elastic]) < SAME_PLACE
     return np.where(is_rounding, 0.0, shift)

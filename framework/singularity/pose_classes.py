@@ -42,6 +42,7 @@ from framework.kinematics.linearised_loops import (
     assembled_at,
     clearance,
     linearised_at,
+    linearised_at_reference,
     type1_matrix,
     type2_matrix,
 )
@@ -50,7 +51,7 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import least_singular_values
-from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution
+from framework.singularity.bordered_system import DIFFERENCE_STEP, Border, solve_bordered
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import twist_norm, uncontrolled_space
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
@@ -189,16 +190,10 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
     g is an analytic function of the pose. If it vanishes at a random pose, then with probability one it
     vanishes at all poses connected to that pose.
     """
-    reference = robot.reference.q
-    if _least_singular_value(robot, reference) >= RANK_LOST:
+    if clearance(robot, linearised_at_reference(robot))[0] >= RANK_LOST:
         return False
-    poses = [*nearby_configurations(robot, reference), *nearby_configurations(robot, q)]
-    return bool(poses) and all(_least_singular_value(robot, pose) < RANK_LOST for pose in poses)
-
-
-def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
-    """Compute the smallest singular value of P at q (nq,)."""
-    return float(clearance(robot, linearised_at(robot, q[None]))[0])
+    poses = [*nearby_configurations(robot, robot.reference.q), *nearby_configurations(robot, q)]
+    return bool(poses) and bool((clearance(robot, linearised_at(robot, np.array(poses))) < RANK_LOST).all())
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
@@ -232,6 +227,6 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     steps = DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])  # along the unit motion
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps[:, None] * unit_rates)
     matrices = type2_matrix(robot, linearised_at(robot, poses))
-    G_back, _, G_ahead = bordered_solution(matrices, border_of=1, size=corank).G
+    G_back, _, G_ahead = solve_bordered(matrices, Border.of(matrices[1], corank)).G
     slope = (G_ahead - G_back) / (2 * DIFFERENCE_STEP)
     return "transversal" if least_singular_values(slope) > TANGENTIAL_SLOPE else "tangential"

@@ -19,7 +19,6 @@ from framework.numerics.ordered_sums import least_singular_values, singular_valu
 from framework.singularity.bordered_system import (
     DIFFERENCE_STEP,
     Border,
-    bordered_solution,
     root_of_g,
     solve_bordered,
 )
@@ -74,15 +73,11 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
     so they need not be refined again. Simple roots are refined with their panel's slope. Where several
     singular values vanish at once, g has a multiple root, and the contact is located by the entries of the
-    block G instead.
-
-    Args:
-        measured: the matrix along the branch, whose loss of rank g measures.
-        resolved: the panels of g along the whole path.
+    block G instead. `resolved` are the panels of g along the whole path.
     """
     multiple = list[Contact]()  # where several singular values vanish at once
     single = list[Contact]()  # where one singular value vanishes
-    stretches = list[RootStretch]()  # about extrema whose roots are known
+    known_about = dict[float, float]()  # by s of an extremum: how far about it, in s, all roots are known
     minima_first = sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum)
     for candidate in minima_first:
         root = None if candidate.is_minimum else _simple_root(measured, candidate)
@@ -97,16 +92,16 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
                 multiple.append(common)
         elif candidate.is_minimum:
             extremum = extremum_near(measured.evaluate, measured.knots, candidate.s, size)
-            if _is_apart(extremum.s, stretches, DISTINCT_EXTREMA):
+            if all(abs(extremum.s - s) > DISTINCT_EXTREMA for s in known_about):
                 contacts, reach = _contacts_beside(measured, extremum, size)
                 single += [contact for contact in contacts if _is_apart(contact.s, single, SAME_PLACE)]
                 if contacts:
-                    stretches.append(RootStretch(extremum.s, reach))
+                    known_about[extremum.s] = reach
         else:
             if root is None:  # by differences; Newton's method may leave the root
                 s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
                 root = Contact(s, "transversal") if converged else None
-            if root is None or any(abs(root.s - stretch.s) <= stretch.reach for stretch in stretches):
+            if root is None or any(abs(root.s - s) <= reach for s, reach in known_about.items()):
                 continue
             # a root at the edge of two panels is found twice
             if _is_apart(root.s, single, SAME_PLACE) and _loses_rank(measured, root.s, size):
@@ -152,10 +147,7 @@ def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | No
 def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses along the path, ascending in s.
 
-    Args:
-        measured: the matrix along the branch, whose loss of rank g measures.
-        resolved: the panels of g along the whole path.
-        known: the contacts.
+    `resolved` are the panels of g along the whole path, `known` its contacts.
     """
     least_values = [least_singular_values(panel.matrices) for panel in resolved]  # (SHEET_NODES,) each
     # no near miss above this share of the largest; with power 2 singular values are squares
@@ -180,14 +172,8 @@ def _miss_at_extremum(
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
-    An extremum is no near miss if g is zero there, or if a contact lies between the points where |g| has
-    doubled.
-
-    Args:
-        measured: the matrix along the branch, whose loss of rank g measures.
-        matrix: (n, n) at the start.
-        known: the contacts of the path.
-        level: least singular value at the start above which there is no near miss.
+    An extremum is no near miss if g is zero there, or if a `known` contact lies between the points where |g|
+    has doubled; nor if the least singular value of the `matrix` (n, n) at the start is above `level`.
     """
     if least_singular_values(matrix) >= level:
         return None
@@ -206,13 +192,8 @@ def _miss_at_end(
 ) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
-    The end is no near miss if a contact is closer than the distance over which g changes by its own value.
-
-    Args:
-        measured: the matrix along the branch, whose loss of rank g measures.
-        panel: the panel at this end.
-        known: the contacts of the path.
-        level: least singular value at the end above which there is no near miss.
+    The end is no near miss if a `known` contact is closer than the distance over which g changes by its own
+    value; nor if the least singular value at the end of its `panel` is above `level`.
     """
     matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
@@ -232,19 +213,12 @@ def _miss_at_end(
 
 def _signed_least_value(matrix: Array) -> float:
     """Compute the least singular value of a matrix (1, n, n) with the sign of its determinant."""
-    return float(bordered_solution(matrix, border_of=0).g[0])
+    return float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
 
 
-def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], distance: float) -> bool:
+def _is_apart(s: float, points: Sequence[Contact | NearMiss], distance: float) -> bool:
     """Return whether s is farther than a distance, in s, from all points."""
     return all(abs(s - point.s) > distance for point in points)
-
-
-class RootStretch(NamedTuple):
-    """A stretch of the path about an extremum of g, without another extremum."""
-
-    s: float  # of the extremum
-    reach: float  # in s, to either side
 
 
 def _contacts_beside(measured: MeasuredMatrix, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
@@ -254,8 +228,7 @@ def _contacts_beside(measured: MeasuredMatrix, extremum: Extremum, size: int) ->
     g beside the extremum, at most two.
 
     Returns:
-        The contacts; the reach of their `RootStretch`: the distance from the extremum, in s, up to which they
-        are all roots of g.
+        The contacts; the distance from the extremum, in s, up to which they are all roots of g.
     """
     s = extremum.s
     if extremum.is_touch:  # g is zero at the extremum within its rounding
@@ -340,7 +313,7 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tup
     h = DIFFERENCE_STEP
     middle = float(np.clip(s, h, 1.0 - h))
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
-    lower, centre, upper, G = bordered_solution(stack, border_of=-1, size=size).G
+    lower, centre, upper, G = solve_bordered(stack, Border.of(stack[-1], size)).G
     second_derivative = (lower - 2 * centre + upper) / h**2
     slope = (upper - lower) / (2 * h) + (s - middle) * second_derivative
     return G, slope, second_derivative

@@ -25,8 +25,8 @@ import numpy as np
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import assembled_at, linearised_at
-from framework.kinematics.modes import leg_determinants, leg_signs
+from framework.kinematics.linearised_loops import assembled_at, linearised_at, type1_matrix
+from framework.kinematics.modes import leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive, whole
@@ -34,6 +34,9 @@ from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
     MAX_STEP,
+    MIN_STEP,
+    STALL_RATIO,
+    STALLED,
     Curve,
     LocusEquations,
     Points,
@@ -142,7 +145,10 @@ def trace_locus(
     if one_mode:
         guesses = draw_in_mode(region, starts)  # (starts, nq)
     else:
-        guesses = draw_joints(equations, closed.q[0], starts)
+        # hinges are drawn by up to half a turn, slides by up to a robot length; the loops are not closed
+        spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)  # (k,) [robot lengths, rad]
+        steps = np.random.default_rng(0).uniform(-spread, spread, (starts, len(spread)))
+        guesses = equations.move(closed.q[0], steps)
     solutions = find_solutions(equations, np.vstack([guesses, *near]))
     solutions = solutions[region.contains(solutions)]
     curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
@@ -167,21 +173,52 @@ def _trace_branches(
     """
     max_curves = 100  # after which no further branches are traced
     points = curve_points(solutions, equations.evaluate(solutions), previous=None)
-    starts = [points.single(k) for k in range(len(solutions))]
+    # points with their curves, where these are known
+    starts: list[tuple[Points, Curve | None]] = [(points.single(k), None) for k in range(len(solutions))]
+    are_tested = False
     curves = list[tuple[Curve, list[Points]]]()
+
+    def is_new(point: Points) -> bool:
+        """Return whether no curve traced so far passes through a point."""
+        return not any(passes_point(equations, traced.points, point) for traced, _ in curves)
+
     while starts and len(curves) < max_curves:
-        start = starts.pop(0)
-        if any(passes_point(equations, curve.points, start) for curve, _ in curves):
+        start, curve = starts.pop(0)
+        if not is_new(start):
             continue
-        curve = trace_curve(equations, start, region.contains, longest)
+        curve = curve or trace_curve(equations, start, region.contains, longest)
+        if curve.ends == STALLED and not are_tested:
+            # such starts come in numbers, as along the end of a leg's reach: test the others in one stack
+            starts = _find_stalled(equations, [one for one in starts if is_new(one[0])], longest)
+            are_tested = True
         along = curve.points
         changes = np.flatnonzero(along.determinant[1:] * along.determinant[:-1] < 0)  # of det [dF/du ; t']
-        crossings = [branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
+        crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
         curves.append((curve, crossings))
         for crossing in crossings:
-            branches = points_on_crossing_curve(equations, crossing)
-            starts += [point for point in branches if region.contains(point.q)[0]]
+            branches = _points_on_crossing_curve(equations, crossing)
+            starts += [(point, None) for point in branches if region.contains(point.q)[0]]
     return curves
+
+
+def _find_stalled(
+    equations: LocusEquations, starts: list[tuple[Points, Curve | None]], longest: float
+) -> list[tuple[Points, Curve | None]]:
+    """Return starts with their curves, of one point each, where no step leads on in either direction."""
+    if not starts:
+        return starts
+    points = join([point for point, _ in starts])
+    directions = join([points, points.negate_tangents()])
+    stalled = np.ones(len(starts), dtype=bool)
+    step = min(FIRST_STEP, longest)
+    while stalled.any() and step >= MIN_STEP:
+        live = select(directions, np.tile(stalled, 2))
+        _, arrives = advance(equations, live, np.full(len(live.q), step), np.zeros_like(live.tangent))
+        stalled[stalled] = ~arrives.reshape(2, -1).any(axis=0)
+        step *= STALL_RATIO
+    return [
+        (point, Curve(point, STALLED) if stalled[k] else curve) for k, (point, curve) in enumerate(starts)
+    ]
 
 
 def _describe_curve(
@@ -287,39 +324,26 @@ def root_between(
     return root
 
 
-def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
+def _branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
     """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
 
     The determinant is reduced to BRANCH_POINT_RATIO only, as the corrector loses digits closer by. If no
     point between the two can be computed, the neighbour with the smaller determinant is returned.
     """
-
-    def measure(point: Points) -> float:
-        """Return det [dF/du ; t'], zero at the branch point."""
-        return float(point.determinant[0])
-
-    small = BRANCH_POINT_RATIO * max(abs(measure(start)), abs(measure(end)))
-    root = root_between(equations, start, end, measure, small=small)
-    if root is not None:
-        return root
-    return min(end, start, key=lambda point: abs(measure(point)))
+    nearer = min(end, start, key=lambda point: abs(float(point.determinant[0])))
+    small = BRANCH_POINT_RATIO * max(abs(float(point.determinant[0])) for point in (start, end))
+    # det [dF/du ; t'] is zero at the branch point
+    root = root_between(equations, start, end, lambda point: float(point.determinant[0]), small=small)
+    return nearer if root is None else root
 
 
-def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side."""
-    tangent = _second_tangent(equations, crossing)
-    if tangent is None:
-        return []
-    starts = join([crossing._replace(tangent=direction[None]) for direction in (tangent, -tangent)])
-    points, arrives = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
-    return [points.single(k) for k in np.flatnonzero(arrives)]
-
-
-def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point `crossing`; None if not real.
+def _points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
+    """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. On the null space this is a quadratic form of two variables.
+    the left null vector of F'. On the null space this is a symmetric form of two variables. With its values
+    -a^2 and b^2 along the principal axes n_1, n_2 it is zero along b n_1 + a n_2 and b n_1 - a n_2. A
+    definite form has no such directions: the other curve is not real.
     """
     svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border, crossing.bases).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
@@ -328,28 +352,19 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
     slopes = equations.evaluate(equations.move(centre.q, steps), centre.border, centre.bases).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
-    # (2, 2) matrix of y . F"(w, w); symmetric up to the error of the differences
-    form = left_null @ changes @ null_space.T
-
-    tangents = _zero_directions(form) @ null_space
-    if not len(tangents):
-        return None
-    other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
-    return other / np.linalg.norm(other)
-
-
-def _zero_directions(form: Array) -> Array:
-    """Find the two directions, the rows of (2, 2), in which a symmetric form (2, 2) is zero.
-
-    In the principal axes n_1, n_2 with the values -a^2 and b^2, they are b n_1 + a n_2 and b n_1 - a n_2. A
-    definite form has no such directions, (0, 2).
-    """
+    form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
     (negative, positive), axes = np.linalg.eigh(form)
     if negative >= 0.0 or positive <= 0.0:
-        return np.zeros((0, 2))
-    n_1, n_2 = axes.T
+        return []
+    n_1, n_2 = axes.T @ null_space  # (k,) unit vectors
     a, b = np.sqrt([-negative, positive])
-    return np.array([b * n_1 + a * n_2, b * n_1 - a * n_2])
+    tangents = [b * n_1 + a * n_2, b * n_1 - a * n_2]
+    other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
+    other /= np.linalg.norm(other)
+
+    starts = join([crossing._replace(tangent=direction[None]) for direction in (other, -other)])
+    points, arrives = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
+    return [points.single(k) for k in np.flatnonzero(arrives)]
 
 
 class Region(NamedTuple):
@@ -385,12 +400,14 @@ class Region(NamedTuple):
         return inside
 
     def least_determinants(self, q: Array, mode: Array) -> Array:
-        """Compute the least of the legs' determinants (T,) at q (T, nq), positive in the mode.
+        """Compute the least of the legs' dimensionless determinants (T,) at q (T, nq), positive in the mode.
 
-        Each determinant is multiplied by the sign that it has in the `mode` (legs,).
+        Each determinant, zero at Type 1, is multiplied by the sign that it has in the `mode` (legs,).
         """
         robot = self.equations.robot
-        return (leg_determinants(robot, linearised_at(robot, q)) * mode).min(axis=1)
+        M = type1_matrix(robot, linearised_at(robot, q))
+        determinants = [np.linalg.det(M[:, leg.rows][:, :, leg.columns]) for leg in legs(robot)]  # (T,) each
+        return (np.stack(determinants, axis=1) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
         """Return the part of a curve in the region's working mode.
@@ -401,11 +418,10 @@ class Region(NamedTuple):
         if self.mode is None or len(curve.points.q) < 2:
             return curve
         points = curve.points
-        first_end, last_end = curve.ends
-        if first_end == "left":  # tracing stopped outside the region, or the mode
-            points = self._clip_end(points.reverse_order(), self.mode).reverse_order()
-        if last_end == "left":
-            points = self._clip_end(points, self.mode)
+        for end in curve.ends:  # the first end, then the last one, each as the last of the points
+            points = points.reverse_order()
+            if end == "left":  # tracing stopped outside the region, or the mode
+                points = self._clip_end(points, self.mode)
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
@@ -447,14 +463,3 @@ def draw_in_mode(region: Region, count: int) -> Array:
         closed[closed] &= region.contains(next_q[closed])  # from here on: closed and in the region
         q = np.where(closed[:, None], next_q, q)
     return q
-
-
-def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
-    """Draw configurations (count, nq) about q (nq,), hinges by up to half a turn.
-
-    Slides move by up to a length of the robot. The loops are not closed.
-    """
-    robot = equations.robot
-    spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)  # [robot lengths, rad] longest step of a joint
-    steps = np.random.default_rng(0).uniform(-spread, spread, (count, len(spread)))
-    return equations.move(q, steps)

@@ -220,16 +220,19 @@ class MeasureGradient(NamedTuple):
     by_q: Array  # (T, nv) dg/dq [1/rad, 1/m]
 
 
-def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: Border) -> MeasureGradient:
+def measure_gradient(
+    robot: ParallelRobot, linearised: LinearisedLoops, border: Border | None = None
+) -> MeasureGradient:
     """Compute g and dg/dq (T, nv) at configurations with a square P.
 
     In dg = -psi' dP eta, psi' dP are the changes of the loop forces on the passive joints under constant
     multipliers psi.
 
     Args:
-        border: b and c of P, (n_p, 1) for all configurations or (T, n_p, 1).
+        border: b and c, (n_p, 1) for all or (T, n_p, 1); by default each configuration has that of its P.
     """
     P = passive_matrix(robot, linearised)
+    border = Border.of(P) if border is None else border
     solution = solve_bordered(P, border)
     eta = solution.eta[:, :, 0]  # (T, n_p)
     transposed_border = Border(border.c, border.b, border.values)

@@ -218,6 +218,7 @@ def test_peaks_are_those_of_the_closed_form_however_they_lie_to_the_samples():
         edges = np.array([0.0, *np.sort(generator.uniform(0.1, 1.6, 2)), duration])
         # 41 coefficients resolve 30 rad/s on a panel of 1.7 s
         peaks = peak_sizes(
-            lambda t, f=frequency, p=phase: np.stack([np.sin(f * t + p), -np.exp(t)], axis=1), edges, 41
+            lambda t, f=frequency, p=phase: np.stack([np.sin(f * t + p), -np.exp(t)], axis=1),
+            TimeGrid(edges, 41),
         )
         assert np.abs(peaks - [1.0, np.exp(duration)]).max() < 1e-12

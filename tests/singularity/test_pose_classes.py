@@ -269,5 +269,7 @@ def test_a_robot_is_singular_everywhere_if_it_is_so_at_all_poses_that_are_drawn(
     robot = SimpleNamespace(reference=SimpleNamespace(q=0.0))
     nearby = {0.0: [beside] * 3, 1.0: [there] * 3}  # clearances of poses near the reference, near the pose
     monkeypatch.setattr(pose_classes, "nearby_configurations", lambda robot, q: nearby[q])
-    monkeypatch.setattr(pose_classes, "_least_singular_value", lambda robot, value: value)
+    monkeypatch.setattr(pose_classes, "linearised_at_reference", lambda robot: robot.reference.q)
+    monkeypatch.setattr(pose_classes, "linearised_at", lambda robot, q: q)
+    monkeypatch.setattr(pose_classes, "clearance", lambda robot, values: np.atleast_1d(values))
     assert pose_classes._is_singular_everywhere(robot, 1.0) == (beside == there == 0.0)

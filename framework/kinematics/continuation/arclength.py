@@ -168,14 +168,6 @@ class CurveSteps(NamedTuple, Generic[AnyEquations]):
     is_straight: BoolArray  # (R,) whether the tangent turns little on the way
 
 
-class CurveEnds(NamedTuple):
-    """The ends of T curves."""
-
-    q: Array  # (T, nq)
-    share: Array  # (T,) s
-    reason: NDArray[np.uint8]  # (T,) `CurveReason`
-
-
 class TurningPoints(NamedTuple):
     """The turning points of T curves; the values of a curve are meaningless unless `found`."""
 
@@ -183,8 +175,6 @@ class TurningPoints(NamedTuple):
     share: Array  # (T,) s
     q: Array  # (T, nq)
     length: Array  # (T,) t along the curve [rad, lengths]
-    first_tangent: Array  # (T, k + 1) d(y, s)/dt at the start
-    last_tangent: Array  # (T, k + 1) d(y, s)/dt at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,14 +196,14 @@ class Curves(Generic[AnyEquations]):
         longest: Array,
         to_rounding: bool = False,
         accept: Callable[[CurveSteps[AnyEquations]], tuple[BoolArray, BoolArray]],
-    ) -> CurveEnds:
+    ) -> tuple[CurvePoints, NDArray[np.uint8]]:
         """Follow T curves from points q (T, nq) at s = `share` (T,) until they end, at most to s = 1.
 
         Each curve takes steps of its own. An accepted step doubles the next one, a refused step is halved and
         tried again. A step is accepted if its correction is small, if the gain in s agrees with the slopes of
         s at both ends, so that no fold lies between, and if its end is on the same branch. Where s turns back
         the turning point is solved for. Where the branch ends otherwise, as at a bifurcation, the place is
-        bracketed.
+        bracketed. Returns the ends, and why each curve ends, `CurveReason` (T,).
 
         Args:
             first: the equations at the starts.
@@ -258,7 +248,7 @@ class Curves(Generic[AnyEquations]):
                 reason[rows] = CurveReason.TURNED
             can_halve = size > UNCHECKED_MOTION  # not where there is no tangent
             live = live[(is_accepted | can_halve) & (reason[live] == CurveReason.STALLED)]
-        return CurveEnds(*points, reason)
+        return points, reason
 
     def _take_steps(
         self, start: CurvePoints, tangent: Array, step: Array, rows: IntArray, *, to_rounding: bool
@@ -338,30 +328,54 @@ class Curves(Generic[AnyEquations]):
     def find_turning_points(self, q: Array, share: Array, rows: IntArray) -> TurningPoints:
         """Find the turning points of R curves ahead of configurations q (R, nq) at s = `share` (R,).
 
-        A turning point counts as found only if the curve from q to the point is nearly a parabola in t. On a
+        The secant method follows the curves to ds/dt = 0; t (R,) is the length along them so far, dt (R,) the
+        next secant step [rad, lengths]. A curve that has converged or become too long rests while the others
+        go on. A turning point counts as found only if the curve to it is nearly a parabola in t. On a
         parabola the chord is t times the mean of both end tangents, and s gains t/2 times its slope at the
         start.
 
         Args:
             rows: indices (R,) of the curves.
         """
+        first_secant_length = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
         max_chord_deviation = 0.1  # from a parabola, over the chord
         max_gain_deviation = 0.25  # from a parabola, over the gain in s
+        points = CurvePoints(q, share)
+        t = np.zeros(len(q))
+        dt = np.full(len(q), first_secant_length)
+        converged = np.zeros(len(q), dtype=bool)
         with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges
-            end = self._follow_to_turn(q, share, rows)
-            start_motion = end.length[:, None] * self._joint_motions(end.first_tangent, rows)  # (R, nv)
-            end_motion = end.length[:, None] * self._joint_motions(end.last_tangent, rows)
-            chord = difference(self.robot, q, end.q)
-            deviation = largest_motion(self.robot, chord - 0.5 * (start_motion + end_motion))
+            equations = self.evaluate(q, share, rows)
+            c = _tangents_of_growing_share(equations)
+            c[:, -1] = 0.0
+            correction, tangent = solve_step_and_tangent(equations, c)
+            first_tangent = tangent
+            for _ in range(MAX_ITERATIONS):
+                step = correction + dt[:, None] * tangent  # (R, k + 1) back to the curve and along it
+                # negated, so that a t that is not a number diverges
+                diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
+                rests = converged | diverges
+                step[rests] = 0.0
+                points = self._move(points, step, rows)
+                t = t + np.where(rests, 0.0, dt)
+                converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
 
-            first_slope = end.first_tangent[:, -1]  # ds/dt at the start
-            expected_gain = 0.5 * end.length * first_slope
-            gain_error = np.abs(end.share - share - expected_gain)
+                last_slope = tangent[:, -1]  # ds/dt
+                correction, tangent = solve_step_and_tangent(self.evaluate(*points, rows), c)
+                if (converged | diverges).all():
+                    break
+                dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # to the secant's zero of ds/dt
 
-            found = end.found & (end.share < 1.0)
-            found &= deviation <= max_chord_deviation * largest_motion(self.robot, start_motion)
+            chord = difference(self.robot, q, points.q)  # (R, nv)
+            first_motion = self._joint_motions(t[:, None] * first_tangent, rows)
+            mean_motion = self._joint_motions(0.5 * t[:, None] * (first_tangent + tangent), rows)
+            deviation = largest_motion(self.robot, chord - mean_motion)
+            expected_gain = 0.5 * t * first_tangent[:, -1]
+            gain_error = np.abs(points.share - share - expected_gain)
+            found = converged & (t > 0) & (points.share < 1.0)
+            found &= deviation <= max_chord_deviation * largest_motion(self.robot, first_motion)
             found &= gain_error <= max_gain_deviation * expected_gain
-        return end._replace(found=found)
+        return TurningPoints(found, points.share, points.q, t)
 
     def _joint_motions(self, step: Array, rows: IntArray) -> Array:
         """Return joint motions (R, nv) [rad, m] for `step` (R, k + 1) in y and s."""
@@ -373,39 +387,6 @@ class Curves(Generic[AnyEquations]):
         """Return the points after `step` (R, k + 1) in y and s."""
         q = integrate(self.robot, points.q, self._joint_motions(step, rows))
         return CurvePoints(q, points.share + step[:, -1])
-
-    def _follow_to_turn(self, q: Array, share: Array, rows: IntArray) -> TurningPoints:
-        """Follow R curves from q (R, nq) at s = `share` (R,) to ds/dt = 0 by the secant method.
-
-        A curve that has converged or become too long rests while the others go on. t (R,) is the length
-        along the curves so far, dt (R,) the next secant step, both in radians and robot lengths.
-        """
-        first_secant_length = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
-        points = CurvePoints(q, share)
-        equations = self.evaluate(q, share, rows)
-        c = _tangents_of_growing_share(equations)
-        c[:, -1] = 0.0
-        correction, tangent = solve_step_and_tangent(equations, c)
-        first_tangent = tangent
-        t = np.zeros(len(q))
-        dt = np.full(len(q), first_secant_length)
-        converged = np.zeros(len(q), dtype=bool)
-        for _ in range(MAX_ITERATIONS):
-            step = correction + dt[:, None] * tangent  # (R, k + 1) back to the curve and along it
-            # negated, so that a t that is not a number diverges
-            diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
-            rests = converged | diverges
-            step[rests] = 0.0
-            points = self._move(points, step, rows)
-            t = t + np.where(rests, 0.0, dt)
-            converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
-
-            last_slope = tangent[:, -1]  # ds/dt
-            correction, tangent = solve_step_and_tangent(self.evaluate(*points, rows), c)
-            if (converged | diverges).all():
-                break
-            dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # to the secant's zero of ds/dt
-        return TurningPoints(converged & (t > 0), points.share, points.q, t, first_tangent, tangent)
 
 
 def _tangents_of_growing_share(equations: EquationsWithSlopes) -> Array:

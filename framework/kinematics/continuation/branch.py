@@ -86,19 +86,17 @@ class Branch(ReadOnlyArrays):
         origin = read_only((*panels, *steps)[0].q[0])
         freeze(tuple(panels))
         series = [coefficients(difference(robot, origin, panel.q)) for panel in panels]
+        # Chebyshev coefficients of the cubic with values u_0, u_1 and slopes v_0, v_1 at -1 and 1:
+        # u = c_0 + c_1 t + c_2 (2 t^2 - 1) + c_3 (4 t^3 - 3 t)
+        hermite = np.array([[8, 8, 2, -2], [-9, 9, -1, -1], [0, 0, -2, 2], [1, -1, 1, 1]]) / 16.0
         for start, end in pairwise(steps):
-            cubic = np.zeros((SHEET_NODES, robot.nv))
-            # Chebyshev coefficients (4, nv) of the cubic of offsets between the two poses (K = 1)
-            half_width = 0.5 * float(end.s[0] - start.s[0])
-            u_0, u_1 = (difference(robot, origin, pose.q)[0] for pose in (start, end))
-            slope_0, slope_1 = (  # over the local coordinate, from -1 to 1
+            half_width = 0.5 * float(end.s[0] - start.s[0])  # slopes are over the local coordinate
+            u_0, u_1 = (difference(robot, origin, pose.q)[0] for pose in (start, end))  # (nv,) each
+            v_0, v_1 = (
                 half_width * difference_rates(robot, origin, pose.q, pose.rate)[0] for pose in (start, end)
             )
-            mean, half_change = 0.5 * (u_0 + u_1), 0.5 * (u_1 - u_0)
-            # u = c_0 + c_1 t + c_2 (2 t^2 - 1) + c_3 (4 t^3 - 3 t) has these values and slopes at -1 and 1
-            c_2 = 0.125 * (slope_1 - slope_0)
-            c_3 = 0.0625 * (slope_0 + slope_1 - 2.0 * half_change)
-            cubic[:4] = np.stack([mean - c_2, half_change - c_3, c_2, c_3])
+            cubic = np.zeros((SHEET_NODES, robot.nv))
+            cubic[:4] = hermite @ np.array([u_0, u_1, v_0, v_1])
             series.append(cubic)
         s = np.concatenate([np.zeros(1), *(panel.s[1:] for panel in panels), *(pose.s for pose in steps[1:])])
         edges = np.array([0.0, *(panel.s[-1] for panel in panels), *(pose.s[0] for pose in steps[1:])])
@@ -208,7 +206,12 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
     # `tail` is relative to the largest coefficient
     truncation = np.abs(series / units).max() * tail(series / units)
     error = float(max(misfit, residual, truncation))
-    return Continuation(start, end, _core_interval(s_nodes, sound, s), series, error)
+    # the core leads from the last sound node below s and all unsound nodes to the first one above; without a
+    # sound node on one side, to the last node there
+    to_cover, s_sound = np.append(np.delete(s_nodes, sound), s), s_nodes[sound]
+    core_start = float(s_sound[s_sound < to_cover.min()].max(initial=s_nodes[0]))
+    core_end = float(s_sound[s_sound > to_cover.max()].min(initial=s_nodes[-1]))
+    return Continuation(start, end, (core_start, core_end), series, error)
 
 
 def _trusted_offsets(branch: Branch, s_nodes: Array) -> tuple[IntArray, Array]:
@@ -236,19 +239,3 @@ def _trusted_offsets(branch: Branch, s_nodes: Array) -> tuple[IntArray, Array]:
     corrections = largest_motion(robot, offsets - difference(robot, branch.origin, guess[sound]))
     trusted = corrections < CONTINUATION_STEP * least[sound]
     return sound[trusted], offsets[trusted]
-
-
-def _core_interval(s_nodes: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes that contains s and all unsound nodes.
-
-    Without a sound node on one side, the interval extends to the last node on that side.
-
-    Args:
-        s_nodes: path coordinates (nodes,) of all nodes, ascending.
-        sound: indices (k,) of the sound ones.
-    """
-    to_cover = np.append(np.delete(s_nodes, sound), s)
-    sound_nodes = s_nodes[sound]
-    start = sound_nodes[sound_nodes < to_cover.min()].max(initial=s_nodes[0])
-    end = sound_nodes[sound_nodes > to_cover.max()].min(initial=s_nodes[-1])
-    return float(start), float(end)

@@ -20,7 +20,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.continuation.motor_curves import MotorCurves, curves_at, follow_curves
+from framework.kinematics.continuation.motor_curves import MotorCurves, follow_curves
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     assembled_at,
@@ -37,16 +37,15 @@ class ForwardPose(Configuration):
     """The pose at prescribed motor joints, with its certificate.
 
     `x` (n,) includes whole turns of the platform since the start. `residual` is the largest of all loop
-    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. From `robot`,
-    `curve` and `linearised` the next pose of a stream of motor angles starts without another check that the
-    loops are closed.
+    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. From `robot` and
+    `linearised` the next pose of a stream of motor angles starts without another check that the loops are
+    closed.
     """
 
     # the least singular value of P on the curve [rad, robot lengths]: 0 at a Type 2 singularity, infinite
     # without passive joints
     clearance: float
     robot: ParallelRobot = field(repr=False)
-    curve: MotorCurves = field(repr=False)  # its last pose is this one, T = 1
     linearised: LinearisedLoops = field(repr=False)  # at q, T = 1
 
 
@@ -71,10 +70,10 @@ def forward_kinematics(
     target = motor_joints_of(robot, q_a)
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    end, linearised = follow_curves(robot, start.curve, start.linearised, target[None])
+    end, linearised = follow_curves(robot, start.linearised, start.x, target[None])
     if end.share[0] < 1.0:  # the motors have not arrived
         raise curve_end_error(robot, end, linearised, target)
-    return _pose_at(robot, end, linearised)
+    return _pose_at(robot, linearised, end.x[0], int(end.steps[0]), float(end.least[0]))
 
 
 def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = False) -> Array:
@@ -82,19 +81,13 @@ def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = Fals
     return finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=stacks)
 
 
-def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoops) -> ForwardPose:
-    """Return the pose at the end of a curve (T = 1) with its linearised loops."""
-    freeze((curve, linearised))
-    return ForwardPose(
-        q=curve.q[0],
-        x=curve.x[0],
-        residual=float(linearised.gap[0]),
-        iterations=int(curve.steps[0]),
-        clearance=float(curve.least[0]),
-        robot=robot,
-        curve=curve,
-        linearised=linearised,
-    )
+def _pose_at(
+    robot: ParallelRobot, linearised: LinearisedLoops, x: Array, steps: int, least: float
+) -> ForwardPose:
+    """Return the pose of loops (T = 1) at x (n,), with `steps` and `least` clearance of its curve."""
+    freeze(linearised)
+    gap = float(linearised.gap[0])
+    return ForwardPose(linearised.frames.q[0], x, gap, steps, least, robot=robot, linearised=linearised)
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None = None) -> ForwardPose:
@@ -106,7 +99,8 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None = No
     if isinstance(near, ForwardPose) and near.robot is robot:  # assembled: it needs no check
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
-    return _pose_at(robot, curves_at(robot, closed.linearised, closed.x), closed.linearised)
+    least = float(clearance(robot, closed.linearised)[0])
+    return _pose_at(robot, closed.linearised, closed.x[0], 0, least)
 
 
 def check_motors_are_free(robot: ParallelRobot) -> None:
@@ -140,7 +134,7 @@ def curve_end_error(
     x = end.x[0]
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
     place = f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"
-    if end.clearance[0] > type_2_end_ratio * usual_clearance:
+    if clearance(robot, linearised)[0] > type_2_end_ratio * usual_clearance:
         return NotAssembled(
             f"the loops cannot be followed {place}", name=robot.name, q=end.q[0], residual=residual
         )
@@ -183,7 +177,7 @@ def forward_kinematics_stack(
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    ends, linearised = follow_curves(robot, start.curve, start.linearised, targets)
+    ends, linearised = follow_curves(robot, start.linearised, start.x, targets)
     refused: dict[int, NotAssembled] = {}
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))

@@ -26,7 +26,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.loop_ranges import relative_orientation
 from framework.kinematics.modes import keeps_sign
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, select
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
@@ -41,8 +41,7 @@ class MotorCurves(NamedTuple):
     x: Array  # (T, n) platform coordinates, with whole turns since the start
     share: Array  # (T,) share s of the turn; 1 where the motors have arrived
     steps: IntArray  # (T,) number of steps taken
-    clearance: Array  # (T,) least singular value of P at q
-    least: Array  # (T,) least clearance on the curve
+    least: Array  # (T,) least singular value of P, the clearance, on the curve
     largest: Array  # (T,) largest clearance on the curve
 
 
@@ -53,65 +52,95 @@ class MotorEquations(NamedTuple):
     slopes: Array  # (T, m, n_p + 1) by the passive joints, P, and by the share of the turn
     bases: Array  # (T, R, m) of the ranges of the loops' rows, to which det P refers
 
-
-def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n)."""
-    frames = linearised.frames
-    clearances = clearance(robot, linearised)
-    return MotorCurves(
-        q=frames.q,
-        x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
-        share=np.zeros(len(frames.q)),
-        steps=np.zeros(len(frames.q), dtype=np.intp),
-        clearance=clearances,
-        least=clearances,
-        largest=clearances,
-    )
+    @property
+    def P(self) -> Array:
+        """Passive columns of the loops, (T, m, n_p)."""
+        return self.slopes[:, :, :-1]
 
 
 def follow_curves(
-    robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, targets: Array
+    robot: ParallelRobot, linearised: LinearisedLoops, x: Array, targets: Array
 ) -> tuple[MotorCurves, LinearisedLoops]:
     """Turn the motors from one pose towards T targets (T, n_a); return the ends and the loops there.
 
-    `start` and `linearised` (T = 1) describe this pose. A curve with a `share` below 1 has ended early, at a
-    Type 2 singularity or where it cannot be followed.
+    A curve with a `share` below 1 has ended early, at a Type 2 singularity or where it cannot be followed. On
+    its branch det P keeps its sign. A step may be long, and its tangent turn, only where P is far from losing
+    rank, so that no other branch crosses; it may also be long while the clearance is steady. Assembly modes
+    meet at a singularity. If the clearance grows again after a curve has approached one, the step has passed
+    the singularity.
+
+    Args:
+        linearised: the loops at the pose, T = 1.
+        x: (n,) the platform's coordinates there, from which whole turns are counted.
     """
-    turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
-    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
-    starts = select(start, copies)
-    curves = starts._replace(
+    start = linearised.frames.q  # (1, nq)
+    turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start))  # (T, nv)
+    linearised = linearised.select(np.zeros(len(turn), dtype=np.intp))  # the common start of each curve
+    first = _motor_equations(robot, linearised, turn)
+
+    # of each curve at its last point, changed by the steps that are accepted
+    clearances = clearance(robot, linearised)  # (T,)
+    determinants = np.array(np.linalg.slogdet(first.P))  # (2, T) sign and logarithm of det P in `bases`
+    bases = first.bases.copy()
+    is_approaching = np.zeros(len(turn), dtype=bool)  # whether the curve has come near a singularity
+    longest = np.full(len(turn), LONG_STEP)  # [rad, lengths] largest motion of a joint in the next step
+    curves = MotorCurves(
+        q=linearised.frames.q,
+        x=np.tile(x, (len(turn), 1)),
         share=np.zeros(len(turn)),
-        steps=copies.copy(),
-        least=starts.clearance.copy(),
-        largest=starts.clearance.copy(),
+        steps=np.zeros(len(turn), dtype=np.intp),
+        least=clearances.copy(),
+        largest=clearances.copy(),
     )
-    if start.clearance[0] < RANK_LOST:
-        return curves, linearised.select(copies)
+    if (clearances < RANK_LOST).any():  # all begin at one pose
+        return curves, linearised
 
     def evaluate(q: Array, _: Array, rows: IntArray) -> MotorEquations:
         """Compute the equations at q (R, nq); they depend on the share (R,) only by q."""
         return _motor_equations(robot, linearised_at(robot, q), turn[rows])
 
-    first = _motor_equations(robot, linearised.select(copies), turn)
-    progress = _Progress.begin(robot, curves, first)
-    curves_of_motors = Curves(robot, robot.following, turn, evaluate)
-    q, share, reason = curves_of_motors.follow(
-        curves.q, curves.share, first, longest=progress.longest, accept=progress.accept
+    def accept(ends: CurveSteps[MotorEquations]) -> tuple[BoolArray, BoolArray]:
+        """Return which of R steps end on their branch, and store the state of their curves; all go on."""
+        rows, P, end_bases = ends.rows, ends.equations.P, ends.equations.bases
+        end_clearances = singular_values(P).min(axis=1, initial=np.inf)
+        sign, logarithm = np.linalg.slogdet(P)
+        aligned_sign = sign * relative_orientation(bases[rows], end_bases)
+        keeps = keeps_sign(determinants[:, rows], (aligned_sign, logarithm))
+        keeps &= (end_clearances >= RANK_LOST) | (ends.points.share < 1.0)
+        is_apart = end_clearances > BRANCHES_CROSS
+        smaller, larger = np.sort([clearances[rows], end_clearances], axis=0)
+        is_steady = 2.0 * smaller > larger
+        keeps &= is_apart | ends.is_straight & (is_steady | (ends.size <= SHORT_STEP))
+        is_nearer = end_clearances < clearances[rows]
+        is_approaching[rows] |= keeps & is_nearer & (end_clearances < BRANCHES_MEET)
+        keeps &= is_nearer | ~is_approaching[rows]
+
+        rows = rows[keeps]
+        end_x = robot.platform.coordinates(frames_at(robot, ends.points.q[keeps]))
+        curves.x[rows] = robot.platform.unwrap(end_x, curves.x[rows])
+        curves.steps[rows] += 1
+        clearances[rows] = end_clearances[keeps]
+        curves.least[rows] = np.minimum(curves.least[rows], clearances[rows])
+        curves.largest[rows] = np.maximum(curves.largest[rows], clearances[rows])
+        bases[rows], determinants[:, rows] = end_bases[keeps], (sign[keeps], logarithm[keeps])
+        longest[rows] = np.where((is_apart | is_steady)[keeps], LONG_STEP, SHORT_STEP)
+        return keeps, np.ones(len(keeps), dtype=bool)
+
+    (q, share), reason = Curves(robot, robot.following, turn, evaluate).follow(
+        curves.q, curves.share, first, longest=longest, accept=accept
     )
     # rounding of many steps leaves the motors slightly off their prescribed turn
-    motor_offset = (share[:, None] * turn - difference(robot, start.q, q))[:, robot.actuated]
+    motor_offset = (share[:, None] * turn - difference(robot, start, q))[:, robot.actuated]
     q = integrate_columns(robot, q, robot.actuated, motor_offset)
     linearised = linearised_at(robot, q)
-    curves = curves._replace(q=q, share=share)
     (turned,) = (reason == CurveReason.TURNED).nonzero()
     if len(turned):  # at singularities that were solved for
-        last = curves_at(robot, linearised.select(turned), curves.x[turned])
-        curves.x[turned] = last.x
+        singular = linearised.select(turned)
+        end_x = robot.platform.coordinates(singular.frames)
+        curves.x[turned] = robot.platform.unwrap(end_x, curves.x[turned])
         curves.steps[turned] += 1
-        curves.clearance[turned] = last.clearance
-        curves.least[turned] = np.minimum(curves.least[turned], last.clearance)
-    return curves, linearised
+        curves.least[turned] = np.minimum(curves.least[turned], clearance(robot, singular))
+    return curves._replace(q=q, share=share), linearised
 
 
 def _motor_equations(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> MotorEquations:
@@ -123,61 +152,6 @@ def _motor_equations(robot: ParallelRobot, linearised: LinearisedLoops, turn: Ar
         slopes=np.concatenate([loops[:, :, robot.following], by_share[:, :, None]], axis=2),
         bases=linearised.bases,
     )
-
-
-class _Progress(NamedTuple):
-    """The state of T curves at their last points; `accept` changes the arrays in place."""
-
-    robot: ParallelRobot
-    curves: MotorCurves
-    bases: Array  # (T, R, m) of the ranges of the loops' rows
-    determinants: Array  # (2, T) sign and logarithm of det P in these bases
-    approaching: BoolArray  # (T,) whether the curve has come near a singularity
-    longest: Array  # (T,) [rad, lengths] largest motion of a joint in the next step
-
-    @staticmethod
-    def begin(robot: ParallelRobot, curves: MotorCurves, first: MotorEquations) -> _Progress:
-        """Return the state at the starts of T curves."""
-        determinants = np.array(np.linalg.slogdet(first.slopes[:, :, :-1]))
-        longest = np.full(len(curves.q), LONG_STEP)
-        return _Progress(
-            robot, curves, first.bases.copy(), determinants, np.zeros(len(longest), dtype=bool), longest
-        )
-
-    def accept(self, ends: CurveSteps[MotorEquations]) -> tuple[BoolArray, BoolArray]:
-        """Return which steps end on their branch, (R,), and store the state of their curves; all go on.
-
-        On the branch det P keeps its sign. A step may be long, and its tangent turn, only where P is far from
-        losing rank, so that no other branch crosses; it may also be long while the clearance is steady.
-        Assembly modes meet at a singularity. If the clearance grows again after a curve has approached one,
-        the step has passed the singularity.
-        """
-        robot, curves, rows = self.robot, self.curves, ends.rows
-        P, bases = ends.equations.slopes[:, :, :-1], ends.equations.bases
-        clearances = singular_values(P).min(axis=1, initial=np.inf)
-        start_clearances = curves.clearance[rows]
-        signs, logarithms = np.linalg.slogdet(P)
-        turned_signs = signs * relative_orientation(self.bases[rows], bases)
-        keeps = keeps_sign(self.determinants[:, rows], (turned_signs, logarithms))
-        keeps &= (clearances >= RANK_LOST) | (ends.points.share < 1.0)
-        is_apart = clearances > BRANCHES_CROSS
-        is_steady = 2.0 * np.minimum(clearances, start_clearances) > np.maximum(clearances, start_clearances)
-        keeps &= is_apart | ends.is_straight & (is_steady | (ends.size <= SHORT_STEP))
-        is_nearer = clearances < start_clearances
-        self.approaching[rows] |= keeps & is_nearer & (clearances < BRANCHES_MEET)
-        keeps &= is_nearer | ~self.approaching[rows]
-
-        rows, clearances = rows[keeps], clearances[keeps]
-        x = robot.platform.coordinates(frames_at(robot, ends.points.q[keeps]))
-        curves.x[rows] = robot.platform.unwrap(x, curves.x[rows])
-        curves.steps[rows] += 1
-        curves.clearance[rows] = clearances
-        curves.least[rows] = np.minimum(curves.least[rows], clearances)
-        curves.largest[rows] = np.maximum(curves.largest[rows], clearances)
-        self.bases[rows] = bases[keeps]
-        self.determinants[:, rows] = signs[keeps], logarithms[keeps]
-        self.longest[rows] = np.where((is_apart | is_steady)[keeps], LONG_STEP, SHORT_STEP)
-        return keeps, np.ones(len(keeps), dtype=bool)
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:

@@ -23,14 +23,14 @@ from framework.errors import NotAssembled
 from framework.kinematics.continuation.predictor_corrector import accept_steps
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.chebyshev import coefficients, nodes
-from framework.tolerances import BRANCHES_CROSS, SAME_PLACE, SHEET_TAIL
+from framework.tolerances import SAME_PLACE, SHEET_TAIL
 
 # nodes of a panel; an even number, so that none is in the middle, where crossings often are
 SHEET_NODES = 32
@@ -171,16 +171,11 @@ def judge_steps(robot: ParallelRobot, *stacks: BranchPoses) -> tuple[BoolArray, 
     steps = np.diff(np.concatenate([stack.s for stack in stacks]))[:, None]  # (T, 1) in s
     predicted = steps * rate[:-1]
 
-    def are_apart(rows: IntArray) -> BoolArray:
-        """Return whether the loops at the ends of steps are far from losing rank, where branches cross."""
-        ends = stacks[-1].linearised.select(rows + 1 if len(stacks) == 1 else rows)
-        return count_lost_ranks(robot, ends, BRANCHES_CROSS) == 0
-
     return accept_steps(
         robot,
         difference(robot, integrate(robot, q[:-1], predicted), q[1:]),
         predicted,
         steps * rate[1:],
         keeps_mode=keeps_working_mode(robot, *(stack.linearised for stack in stacks)),
-        are_apart=are_apart,
+        ends=stacks[-1].linearised.select(slice(1, None) if len(stacks) == 1 else slice(None)),
     )

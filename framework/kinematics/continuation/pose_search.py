@@ -93,11 +93,6 @@ class _Iterate(NamedTuple):
     margin_slopes: Array  # (2 f + 2, n) derivatives of `margins` along Z
     loops: LinearisedLoops  # at q, T = 1
 
-    @property
-    def determinant_margins(self) -> Array:
-        """Distances (2,) of both determinants from their bounds."""
-        return self.margins[-2:]
-
 
 class _Step(NamedTuple):
     """A step of the search."""
@@ -105,12 +100,6 @@ class _Step(NamedTuple):
     z: Array  # (n,) amplitudes of the motions Z
     decrease: float  # of the value, predicted by the quadratic model
     forces: Array  # (2 f + 2,) multipliers of the bounds; zero for inactive ones
-
-    @property
-    def range_forces(self) -> Array:
-        """Forces (f,) on the joints from the ends of their ranges; zero for inactive ones."""
-        lower, upper = self.forces[:-2].reshape(2, -1)
-        return upper - lower
 
     def is_small(self, iterate: _Iterate) -> bool:
         """Return whether the decrease predicted at an iterate is negligible."""
@@ -140,7 +129,7 @@ class PoseSearch:
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
         # with sizes of 1 a margin is the determinant less its least value
-        self._determinant_sizes = iterate.determinant_margins + LEAST_DETERMINANTS
+        self._determinant_sizes = iterate.margins[-2:] + LEAST_DETERMINANTS
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -288,10 +277,11 @@ class PoseSearch:
         if not is_small(corrected, advance)[0]:
             return None
 
-        next_iterate = self._evaluate(q, iterate.x, target, step.range_forces)
+        lower_forces, upper_forces = step.forces[:-2].reshape(2, -1)  # (f,) from the ends of the ranges
+        next_iterate = self._evaluate(q, iterate.x, target, upper_forces - lower_forces)
         # the determinants may fall to half their least values, and no lower unless they were lower before
-        least_margins = np.minimum(iterate.determinant_margins, -0.5 * LEAST_DETERMINANTS)
-        if (next_iterate.determinant_margins < least_margins).any():
+        least_margins = np.minimum(iterate.margins[-2:], -0.5 * LEAST_DETERMINANTS)
+        if (next_iterate.margins[-2:] < least_margins).any():
             return None
         return next_iterate if self._keeps_modes(iterate.loops, next_iterate.loops) else None
 
@@ -305,11 +295,12 @@ class PoseSearch:
         margin_slopes = np.vstack([identity, -identity])  # (2 f, f) derivatives of margins along the joints
         is_beyond = np.zeros(2 * len(identity), dtype=bool)  # whether a joint has passed an end of its range
         for _ in range(MAX_ITERATIONS):
-            residual, J = self._equations(q)
+            linearised = linearised_at(self.robot, q[None])
+            residual = linearised.residual[0, self.robot.n :] / self._row_sizes  # (m,)
             margins = self._range_margins(q) + widening
             is_beyond |= margins < 0.0
             gap = np.append(residual, margins[is_beyond])
-            K = np.vstack([J, margin_slopes[is_beyond]])  # derivatives of the gap
+            K = np.vstack([self._loop_slopes(linearised)[0], margin_slopes[is_beyond]])  # of the gap
             if np.abs(gap).max(initial=0.0) < CLOSED_LOOP:
                 return q
             # the small multiple of the identity allows dependent rows
@@ -323,12 +314,6 @@ class PoseSearch:
         """Compute the distances (2 f,) of joints at q (nq,) from the lower, then the upper ends of ranges."""
         position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._units
         return np.append(position - self._lower, self._upper - position)
-
-    def _equations(self, q: Array) -> tuple[Array, Array]:
-        """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
-        linearised = linearised_at(self.robot, q[None])
-        residual = linearised.residual[0, self.robot.n :] / self._row_sizes
-        return residual, self._loop_slopes(linearised)[0]
 
     def _loop_slopes(self, linearised: LinearisedLoops) -> Array:
         """Compute the derivatives (T, m, f) of the dimensionless loop equations along the joints."""
@@ -353,7 +338,11 @@ class PoseSearch:
         steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._units  # (T, f)
         poses = integrate_columns(self.robot, q, self.robot.moving, steps)  # (T, nq), q first
         linearised = linearised_at(self.robot, poses)
-        x, dx, dc = self._differentiate(linearised, near)  # (T, n), (T, n, f), (T, m, f)
+        dc = self._loop_slopes(linearised)  # (T, m, f)
+        platform = self.robot.platform
+        x = platform.unwrap(platform.coordinates(linearised.frames), near)  # (T, n)
+        twists = linearised.platform[..., self.robot.moving] * self._units  # (T, n, f)
+        dx = solve(platform.rate_matrix(x) * self.robot.platform_scale, twists)  # of x / scale, v = E dx
         e = (x[0] - target) / self.robot.platform_scale
 
         # the multipliers lambda (m,) that balance the gradient of the error best: the solution of
@@ -406,17 +395,3 @@ class PoseSearch:
         slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
         margins = np.append(self._range_margins(q), determinants[0] - LEAST_DETERMINANTS)
         return margins, np.vstack([Z, -Z, slopes])
-
-    def _differentiate(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n) and derivatives along the joints.
-
-        Angles of x are taken within half a turn of `near` (n,).
-
-        Returns:
-            x (T, n); the derivatives of x over its scale (T, n, f); those of the loops (T, m, f).
-        """
-        robot = self.robot
-        twists = linearised.platform[..., robot.moving] * self._units  # (T, n, f)
-        x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
-        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
-        return x, dx, self._loop_slopes(linearised)

@@ -7,26 +7,25 @@ Otherwise the step is halved. A branch may end on a singularity, at a turning po
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from framework.kinematics.frames import largest_motion
-from framework.kinematics.mechanism import Mechanism
-from framework.numerics.arrays import Array, BoolArray, IntArray
-from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
+from framework.kinematics.linearised_loops import LinearisedLoops, count_lost_ranks
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, BoolArray
+from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN, BRANCHES_CROSS
 
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singularity tangents lead far away
 
 
 def accept_steps(
-    robot: Mechanism,
+    robot: ParallelRobot,
     correction: Array,
     predicted: Array,
     end_step: Array,
     *,
     keeps_mode: BoolArray,
-    are_apart: Callable[[IntArray], BoolArray],
+    ends: LinearisedLoops,
 ) -> tuple[BoolArray, Array]:
     """Decide which of T steps stay on their branches.
 
@@ -38,7 +37,7 @@ def accept_steps(
         predicted: (T, nv) steps along the tangents at the starts.
         end_step: (T, nv) steps of the same parameter lengths along the tangents at the ends.
         keeps_mode: (T,) whether both ends are in one mode.
-        are_apart: returns whether branches are apart at the ends of the steps with indices (k,).
+        ends: the loops at the ends of the steps. Branches cross only where the loops nearly lose rank.
 
     Returns:
         Whether each step is accepted, and the largest entries of the corrections [rad, lengths], (T,) each.
@@ -48,7 +47,7 @@ def accept_steps(
     is_accepted = keeps_mode & is_small(corrected, advance)
     (curved,) = (is_accepted & ~is_straight(turned, corrected, advance)).nonzero()
     if len(curved):
-        is_accepted[curved] = are_apart(curved)
+        is_accepted[curved] = count_lost_ranks(robot, ends.select(curved), BRANCHES_CROSS) == 0
     return is_accepted, corrected
 
 

@@ -85,24 +85,20 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if np.array_equal(target, reference.x):
         return reference
     require_square(robot)
-    linearised, steps = _reach(robot, target)
+    if _is_near_reference(robot, target):
+        linearised, steps = close_loops(robot, target[None], reference.q[None]).linearised, 1
+    else:
+        followed = _follow_from_reference(robot, target)
+        linearised = followed.last.linearised
+        steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
     return Configuration(linearised.frames.q[0], target, float(np.abs(linearised.residual).max()), steps)
 
 
-def _reach(robot: ParallelRobot, x: Array) -> tuple[LinearisedLoops, int]:
-    """Close the loops with the platform at x (n,), in the working mode of the reference.
-
-    Returns:
-        The loops at the pose (T = 1); the number of poses on the way.
-    """
-    reference = robot.reference
-    if _is_near_reference(robot, x):
-        return close_loops(robot, x[None], reference.q[None]).linearised, 1
+def _follow_from_reference(robot: ParallelRobot, x: Array) -> FollowedPath:
+    """Follow the straight way from the reference to x (n,), in the working mode of the reference."""
+    way = Line(robot.reference.x, x)
     start = linearised_at_reference(robot)
-    segment = Line(reference.x, x)
-    followed = _follow_to_end(robot, segment, start, "the way from the reference to the point")
-    steps = sum(len(panel.s) for panel in followed.panels) + len(followed.steps)
-    return followed.last.linearised, steps
+    return _follow_to_end(robot, way, start, "the way from the reference to the point")
 
 
 def _is_near_reference(robot: ParallelRobot, x: Array) -> bool:
@@ -128,7 +124,9 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     require_square(robot)
     _check_turns(robot, path)
     x = finite_numbers("the start of the path", path(0.0), robot.n)
-    start = linearised_at_reference(robot) if _is_near_reference(robot, x) else _reach(robot, x)[0]
+    start = linearised_at_reference(robot)
+    if not _is_near_reference(robot, x):
+        start = _follow_from_reference(robot, x).last.linearised
     followed = _follow_to_end(robot, path, start, "the path")
     return Branch.through(robot, path, followed.panels, followed.steps)
 
@@ -299,30 +297,25 @@ def _branch_end_error(
     ).adding(remark_on_reach(robot, path(1.0)[robot.platform.sliding]))
 
 
-def _longest_reach(robot: ParallelRobot) -> float:
-    """Compute the summed length [m] of the links from base to platform.
+def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
+    """Return a clause on a platform out of reach of the links; empty if within reach.
 
-    Slides are at the far end of their range, springs at rest. A slide without limits, such as those of a
-    floating joint, makes the length practically infinite.
+    The reach is the summed length of the links from base to platform, slides at the far end of their range,
+    springs at rest. A slide without limits, such as those of a floating joint, makes it practically infinite.
+
+    Args:
+        position: prescribed translations of the platform's origin [m].
     """
     model = robot.model
     frame = model.frames[robot.frames[0]]  # the platform's frame
-    reach = float(np.linalg.norm(frame.placement.translation))
+    reach = float(np.linalg.norm(frame.placement.translation))  # [m]
     for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
         joint = model.joints[k]
         reach += float(np.linalg.norm(model.jointPlacements[k].translation))
         if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             reach += float(np.abs(ends).max())
-    return reach
-
-
-def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
-    """Return a clause on a platform out of reach of the links; empty if within reach.
-
-    `position` has the prescribed translations of the platform's origin [m].
-    """
-    distance, reach = np.linalg.norm(position), _longest_reach(robot)
+    distance = np.linalg.norm(position)
     if distance <= reach:
         return ""
     return (

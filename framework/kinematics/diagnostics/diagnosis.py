@@ -29,7 +29,7 @@ from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.numerics.arrays import Array, ArrayLike, Names
+from framework.numerics.arrays import ArrayLike, Names
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, HELD_IDLE, RANK_ROUNDING
 
 # [rad, robot lengths] larger motions of a joint are not due to the rounding of drawings
@@ -84,7 +84,11 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     mobility = count_freedoms(robot)
     axes = examine_platform_axes(robot, mobility.working - len(mobility.loose))
     square = robot.n == mobility.working <= robot.n_a and not axes.stuck_here
-    working_sign, assembly_sign, least = _reference_modes(robot) if square else (0, 0, np.inf)
+    working_sign, assembly_sign, least = 0, 0, np.inf
+    if square:
+        linearised = linearised_at_reference(robot)
+        working_sign, assembly_sign = (int(sign[0]) for sign in mode_signs(robot, linearised))
+        least = float(clearance(robot, linearised)[0])
     bodies = moving_bodies(robot)
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
@@ -151,7 +155,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         pose = find_closed_pose(mechanism)
         remarks.append(
             f"the loops do not close near {reference_in_words(mechanism)}; a search within the joints' "
-            f"limits has found the one that is printed, {pose.joint} {pose.distance} away: give it as "
+            f"limits has found the one that is printed, {pose.farthest} away: give it as "
             f"`reference` if the robot is meant to be assembled that way"
         )
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
@@ -180,13 +184,6 @@ def reference_in_words(mechanism: Mechanism) -> str:
     """Name the reference of a mechanism in words: the one in its file or the default."""
     stated = mechanism.description.reference
     return "the reference that is given" if stated else "the default reference (all zero)"
-
-
-def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
-    """Compute working mode, assembly mode (a sign each) and clearance at the reference."""
-    linearised = linearised_at_reference(robot)
-    working, assembly = mode_signs(robot, linearised)
-    return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
 
 
 def _advice_on_motions(robot: ParallelRobot, mobility: Mobility, axes: PlatformAxes) -> Iterator[str]:
@@ -339,22 +336,17 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     """
     expect_robot(robot)
     closed = assembled_at(robot, q)
-    working_sign, assembly_sign = mode_signs(robot, closed.linearised)
+    working_sign, assembly_sign = (int(sign[0]) for sign in mode_signs(robot, closed.linearised))
     motors = robot.actuated_coordinates(closed.q)[0]
     return Pose(
         robot=robot.name,
         flexibility=robot.flexibility,
-        platform=_name_values(robot.axis_names, closed.x[0]),
-        motor_joints=_name_values(robot.actuator_names, motors),
-        motor_angles=_name_values(robot.actuator_names, robot.gear_ratio * motors),
+        platform=dict(zip(robot.axis_names, closed.x[0].tolist(), strict=True)),
+        motor_joints=dict(zip(robot.actuator_names, motors.tolist(), strict=True)),
+        motor_angles=dict(zip(robot.actuator_names, (robot.gear_ratio * motors).tolist(), strict=True)),
         joints=robot.reference_values(closed.q[0]),
-        working_mode=int(working_sign[0]),
-        assembly_mode=int(assembly_sign[0]),
+        working_mode=working_sign,
+        assembly_mode=assembly_sign,
         closure_error=float(closed.linearised.gap[0]),
         exceeded=positions_beyond_limits(robot.limits, closed.q),
     )
-
-
-def _name_values(names: Names, values: Array) -> dict[str, float]:
-    """Return a mapping of `names` to `values` (k,)."""
-    return dict(zip(names, values.tolist(), strict=True))

@@ -76,9 +76,9 @@ class PlatformAxes(NamedTuple):
 def count_freedoms(robot: ParallelRobot) -> Mobility:
     """Count the degrees of freedom at the reference; name a joint for each idle and loose one."""
     q = robot.reference.q
-    motions = _free_motions(robot, q)  # (nv, f)
-    driven_rates = np.concatenate([_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]])
-    undriven = motions @ null_space(driven_rates @ motions)  # (nv, k) neither motors nor platform move
+    motions, platform_rates = _platform_motions(robot, q)  # (nv, f), (n, f)
+    driven_rates = np.concatenate([platform_rates, motions[robot.actuated]])
+    undriven = motions @ null_space(driven_rates)  # (nv, k) neither motors nor platform move
 
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
     with_mass, without_mass = split_row_space(mass_velocities, NEARLY_AT_REST, scale=(1.0, 1.0))
@@ -101,14 +101,17 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
         freedoms: number of degrees of freedom that the axes have to describe.
     """
     q, names = robot.reference.q, robot.axis_names
-    stuck_here = _immovable_combinations(robot, q)
+    _, rates = _platform_motions(robot, q)  # (n, f)
+    # (n, k) orthonormal combinations of the n axes along which the platform cannot move
+    stuck_here = null_space(rates.T)
     if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes(stuck="", stuck_here="", twist_rank=freedoms, proposals=())
-    poses = nearby_configurations(robot, q)
-    # (n, k) each: k combinations of the n axes along which the platform cannot move at a pose
-    stuck_at_poses = [stuck_here, *(_immovable_combinations(robot, pose) for pose in poses)]
-    stuck = min(stuck_at_poses, key=lambda immovable: immovable.shape[1])  # at the pose with fewest of them
-    twists = [_platform_twists(robot, pose) for pose in (q, *poses)]  # (6, f) each
+    stuck = stuck_here  # at the pose with fewest of them
+    twists = []  # (6, f) at each pose, of the platform's frame [rad, robot lengths]
+    for pose in (q, *nearby_configurations(robot, q)):
+        motions, rates = _platform_motions(robot, pose)
+        stuck = min(stuck, null_space(rates.T), key=lambda immovable: immovable.shape[1])
+        twists.append(scaled_twists(robot, frames_at(robot, pose[None]).frame_jacobian()[0]) @ motions)
     twist_rank = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
     return PlatformAxes(
         stuck=_name_stuck_axes(stuck, names),
@@ -157,7 +160,7 @@ def _is_movable_along(robot: ParallelRobot, axes: Names) -> bool:
         other = ParallelRobot.from_description(described)
     except FrameworkError:
         return False
-    return not _immovable_combinations(other, other.reference.q).shape[1]
+    return not null_space(_platform_motions(other, other.reference.q)[1].T).shape[1]
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
@@ -166,28 +169,10 @@ def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
     return full_motion(robot, robot.joints, null_vectors).T
 
 
-def _free_motions(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal joint motions (nv, f) that the robot's loops allow at q (nq,)."""
-    return find_free_motions(robot, q, len(robot.structure.independent))
-
-
-def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal combinations (n, k) of platform rates that are zero in all motions at q (nq,)."""
-    return null_space((_platform_rates(robot, q) @ _free_motions(robot, q)).T)
-
-
-def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute twists (6, f) of the platform's frame at q (nq,) for f motions that the loops allow.
-
-    The twists are dimensionless: radians and lengths of the robot.
-    """
-    jacobian = frames_at(robot, q[None]).frame_jacobian()[0]  # (6, nv)
-    return scaled_twists(robot, jacobian) @ _free_motions(robot, q)
-
-
-def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the Jacobian (n, nv) of the platform's velocity at q (nq,) [rad, robot lengths]."""
-    return motion_matrix(robot, robot.platform, q)[: robot.n]
+def _platform_motions(robot: ParallelRobot, q: Array) -> tuple[Array, Array]:
+    """Compute the joint motions (nv, f) that the loops allow at q (nq,), and the platform's rates (n, f)."""
+    motions = find_free_motions(robot, q, len(robot.structure.independent))
+    return motions, motion_matrix(robot, robot.platform, q)[: robot.n] @ motions
 
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:
@@ -282,7 +267,7 @@ def motions_within_limits(description: RobotDescription) -> LoopMotions | None:
     except NotAssembled:
         return None
     remark = (
-        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from "
+        f"reference: the nearest closed pose within the joints' limits, {pose.farthest} from "
         f"the file's, from which nothing can be proposed"
     )
     return within._replace(remarks=(remark, *within.remarks))
@@ -324,7 +309,7 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
         pose = find_closed_pose(mechanism)
         gap = np.abs(loops_at(mechanism, mechanism.q_near).residual * mechanism.row_lengths).max()
         remark = (
-            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
+            f"reference: the nearest closed pose, {pose.farthest} from the file's, whose loops "
             f"are {gap:.2g} m or rad open"
         )
         return replace(mechanism, q_near=pose.q), [remark]
@@ -337,16 +322,14 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     moves = np.abs(closed_positions - file_positions)  # (nv,) [rad, m]
     column = int(np.argmax(moves))
     if moves[column] > FILE_ROUNDING:
-        joint, distance = (
-            mechanism.coordinates.name_of(column),
-            f"{moves[column]:.3g} {mechanism.unit_of(column)}",
-        )
+        name, unit = mechanism.coordinates.name_of(column), mechanism.unit_of(column)
+        farthest = f"{name} {moves[column]:.3g} {unit}"
         if positions_beyond_limits(assembled.limits, q[None]):
             with suppress(NotAssembled):  # no closed pose is found within the ranges
-                q, joint, distance = find_closed_pose(assembled)
+                q, farthest = find_closed_pose(assembled)
         moved_in = not np.array_equal(assembled.q_near, mechanism.q_near)
         closed = "closed within the joints' limits" if moved_in else "closed"
-        remarks.append(f"reference: {joint} {distance} from the file's, {closed}; --reference chooses others")
+        remarks.append(f"reference: {farthest} from the file's, {closed}; --reference chooses others")
     return replace(assembled, q_near=q), remarks
 
 

@@ -113,11 +113,6 @@ def _propose(options: Options, partial: PartialRobot) -> PartialRobot:
             partial = _hold_joints(partial, carrying_loops, IN_NO_LOOP)
         elif not isinstance(error, _UndrivenMotions):
             raise
-    return _complete_with_holding(partial)
-
-
-def _complete_with_holding(partial: PartialRobot) -> PartialRobot:
-    """Complete the description; hold springs and idle turns that no motor drives."""
     try:
         return _complete_description(partial, by_joints=True)
     except _UndrivenMotions as undriven:
@@ -157,8 +152,13 @@ def _complete_at_pose(partial: PartialRobot, motions: LoopMotions, *, by_joints:
 
     Frames are tried first, then, if `by_joints`, positions of joints.
     """
+    if not motions.freedoms and motions.basis.shape[1] and not motions.mechanism.mass:
+        raise RobotFileError("no link that moves has a mass: an inertia is missing")
     if not motions.freedoms:
-        raise _no_freedom_error(motions, partial)
+        names = sorted(_loop_joint_names(partial))
+        more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+        joints = f"{', '.join(names[:MAX_LISTED])}{more}"
+        raise RobotFileError(f"the loops leave no freedom that moves a mass to their joints {joints}")
     partial = _choose_motors(motions, partial)
     _check_driven(motions, partial)
     if partial.platform is not None:
@@ -229,17 +229,6 @@ def _choose_motors(motions: LoopMotions, partial: PartialRobot) -> PartialRobot:
         actuators = tuple(actuator for actuator in actuators if actuator.joint in motors)
     description = replace(description, actuators=actuators)
     return partial._replace(description=description, remarks=(*partial.remarks, *remarks))
-
-
-def _no_freedom_error(motions: LoopMotions, partial: PartialRobot) -> RobotFileError:
-    """Return the error for loops that allow no motion of a mass."""
-    if motions.basis.shape[1] and not motions.mechanism.mass:
-        return RobotFileError("no link that moves has a mass: an inertia is missing")
-    names = sorted(_loop_joint_names(partial))
-    shown = ", ".join(names[:MAX_LISTED])
-    if len(names) > MAX_LISTED:
-        shown += f" and {len(names) - MAX_LISTED} more"
-    return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}")
 
 
 def _advise_on_parts(partial: PartialRobot) -> str:
@@ -391,8 +380,8 @@ def _likely_platforms(motions: LoopMotions, partial: PartialRobot) -> list[Platf
         is_named_like_tool = any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
         frame_score = is_named_like_tool - 0.001 * number
         twists = joint_twists @ motions.working  # (6, w)
-        for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, partial):
-            scored.append((axes_score + frame_score, platform))
+        platforms = _frame_platforms(twists, frame, motions.freedoms, partial)
+        scored += [(axes_score + frame_score, platform) for axes_score, platform in platforms]
     scored.sort(key=lambda entry: -entry[0])
     return [platform for _, platform in scored[:max_tried]]
 

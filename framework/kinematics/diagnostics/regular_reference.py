@@ -10,15 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.assembly import joint_loops_matrix, move_closed
+from framework.kinematics.assembly import allowed_joint_motions, move_closed
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import split_row_space
-from framework.tolerances import BRANCHES_MEET, REFERENCE_DISTANCE
+from framework.tolerances import REFERENCE_DISTANCE
 
 STEP = 0.05  # [rad, robot lengths] of the joint that moves most
 STEPS = 12  # of a motion that looks for a singularity
@@ -42,7 +41,7 @@ def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
     nearest = NearSingularity("", REFERENCE_DISTANCE, np.zeros(len(robot.joints)))
     # of combined loop equations, on which the signs depend
     bases = linearised_at(robot, q[None]).bases[0] if robot.structure.varies else None
-    _, allowed = split_row_space(joint_loops_matrix(robot, q), BRANCHES_MEET)  # (f, joints) null space
+    allowed = allowed_joint_motions(robot, q)  # (f, joints)
     for direction in [*allowed, *-allowed]:
         poses = _move(robot, q, direction, STEPS, nearest.distance)  # (T, nq)
         signs = mode_signs(robot, linearised_at(robot, poses, bases=bases))  # (T,) each: working, assembly
@@ -86,7 +85,7 @@ def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int, farthest
     """
     poses = [q]
     for _ in range(steps):
-        _, allowed = split_row_space(joint_loops_matrix(robot, poses[-1]), BRANCHES_MEET)
+        allowed = allowed_joint_motions(robot, poses[-1])  # (f, joints)
         direction = (allowed @ direction) @ allowed
         closed = move_closed(robot, poses[-1], STEP * direction / np.abs(direction).max())
         if closed is None:

@@ -67,8 +67,8 @@ def follow(curves, longest=0.3, accept=all_go_on, **options):
         return accept(ends)
 
     first = curves.evaluate(q, share, np.arange(count))
-    ends = curves.follow(q, share, first, longest=np.full(count, longest), accept=note, **options)
-    return Way(ends.q[:, SLIDE] / UNIT, ends.share, ends.reason, steps)
+    ends, reason = curves.follow(q, share, first, longest=np.full(count, longest), accept=note, **options)
+    return Way(ends.q[:, SLIDE] / UNIT, ends.share, reason, steps)
 
 
 def test_steps_are_across_the_border_and_tangents_along_the_curve():
@@ -347,8 +347,6 @@ def test_a_fold_counts_where_the_way_to_it_bends_little():
     np.testing.assert_allclose(found.q[0, TURNING[:2]], place, atol=1e-8)
     # the length is counted along the first tangent, which is across the radius
     assert found.length[0] == pytest.approx(0.4 * np.sin(0.3), abs=1e-8)
-    np.testing.assert_allclose(found.first_tangent[0], [0.0, 1.0, 0.3 / 0.4], atol=1e-9)
-    np.testing.assert_allclose(found.last_tangent[0], [-np.tan(0.3), 1.0, 0.0], atol=1e-6)
 
 
 # s = top - (y - f)^2 (1 + skew (y - f) / f); the share at y = 0 is less by f^2 (1 - skew)

@@ -7,7 +7,6 @@ import robots
 from framework.kinematics.continuation import motor_curves
 from framework.kinematics.continuation.motor_curves import (
     close_at_motors,
-    curves_at,
     follow_curves,
     rates_closing_loops,
 )
@@ -48,14 +47,12 @@ def test_clearances_on_the_way_are_those_of_small_steps(name):
     robot, count = robots.load(name), 4
     motions = motors_turned(robot, count, 0.25)
     linearised = linearised_at_reference(robot)
-    start = curves_at(robot, linearised, robot.reference.x[None])
-    assert start.clearance == pytest.approx(clearance(robot, linearised))
     targets = robot.actuated_coordinates(robot.reference.q[None]) + motions[:, robot.actuated]
-    found, loops = follow_curves(robot, start, linearised, targets)
+    found, loops = follow_curves(robot, linearised, robot.reference.x, targets)
     arrived = found.share == 1.0
     assert arrived.sum() > 1
     np.testing.assert_allclose(robot.actuated_coordinates(found.q)[arrived], targets[arrived], atol=1e-14)
-    np.testing.assert_allclose(found.clearance, clearance(robot, loops), rtol=1e-6)
+    assert (found.least <= clearance(robot, loops) * (1 + 1e-6)).all()
     at_rest = robot.platform.unwrap(robot.platform.coordinates(frames_at(robot, found.q)), robot.reference.x)
     np.testing.assert_allclose(found.x[arrived], at_rest[arrived], atol=1e-9)
     shares = np.linspace(0.0, 1.0, 9)
