@@ -1,29 +1,43 @@
 """Mutants of the framework, and the tests that notice them: `python -m tests.mutants --seed 7 --count 40`.
 
 A mutant changes one operator, comparison, number or term of one function. Packages are drawn alike, in them
-functions. The tests that touch the module run on a copy of the checkout: those of its package and those that
-import it, then those that import a module that does. A mutant survives if all pass; somebody must then judge
-whether it is equivalent, and which law is missing. Tests that change source themselves ("idle") are left out.
+functions. All plain tests run once and note which of the drawn statements they reach. A mutant then meets the
+tests that reach its statement, the cheapest first, and the others of their files (which may share what was
+computed), until one fails or the time is up. It survives if all pass; somebody must then judge whether it is
+equivalent, and which law is missing. Each run is a fork of one process that has imported the libraries, and
+reads the mutant instead of the file; processes that a test starts do not. Tests that change source themselves
+("idle") are left out.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import builtins
 import copy
 import difflib
+import importlib
+import json
+import multiprocessing
 import os
 import random
-import shutil
-import subprocess
-import sys
-import tempfile
-from collections.abc import Iterator
-from functools import cache
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from typing import NamedTuple
+from types import CodeType
+from typing import NamedTuple, TypeVar
 
-SOURCES = ("framework", "robots", "urdf", "tests", "notebooks")  # folders that are copied
+import pytest
+
+T = TypeVar("T")
+ROOT = Path(__file__).parent.parent
+LIBRARIES = ("scipy.linalg", "scipy.optimize", "scipy.sparse.linalg", "pinocchio", "clarabel")
+LEFT_OUT = {"browser", "benchmarks", "fuzz"}  # folders of tests
 SWAPPED: dict[type, type] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -42,11 +56,27 @@ NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "minimum": "max
 
 
 class Mutant(NamedTuple):
-    """A module with one change."""
+    """A change of one place of a file."""
 
-    path: Path  # relative to the checkout
+    path: Path
     function: str
-    text: str  # of the mutated module
+    statement: tuple[int, int]  # line and column of the innermost one
+    first: int  # of the bytes replaced
+    last: int
+    new: str
+
+    def text(self) -> str:
+        """Return the mutated module."""
+        old = self.path.read_bytes()
+        return (old[: self.first] + self.new.encode() + old[self.last :]).decode()
+
+
+class Test(NamedTuple):
+    """A test that passed, and the numbers of the mutants whose statements it reached."""
+
+    name: str
+    seconds: float
+    reached: list[int]
 
 
 def mutations(node: ast.AST) -> Iterator[ast.AST]:
@@ -75,118 +105,190 @@ def mutations(node: ast.AST) -> Iterator[ast.AST]:
         yield ast.Pass()
 
 
-def mutants_of(checkout: Path, path: Path) -> list[Mutant]:
+def mutants_of(path: Path) -> list[Mutant]:
     """Return all mutants of the functions of a module; messages, annotations and defaults stay."""
-    text = (checkout / path).read_text()
+    text = path.read_text()
     starts = [0]  # in bytes, of the lines
     for line in text.encode().splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
     found = list[Mutant]()
 
-    def visit(node: ast.AST, function: str) -> None:
+    def visit(node: ast.AST, function: str, statement: tuple[int, int]) -> None:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.Raise | ast.JoinedStr | ast.arguments | ast.AnnAssign):
                 continue
             if isinstance(child, ast.FunctionDef):
-                for statement in child.body:
-                    visit(ast.Module([statement], []), child.name)
+                for inner in child.body:
+                    visit(ast.Module([inner], []), child.name, (0, 0))
                 continue
+            innermost = (child.lineno, child.col_offset) if isinstance(child, ast.stmt) else statement
             if function and hasattr(child, "col_offset"):
                 first = starts[child.lineno - 1] + child.col_offset
                 last = starts[child.end_lineno - 1] + child.end_col_offset
                 for change in mutations(child):
                     new = ast.unparse(ast.fix_missing_locations(change))
-                    new = (
-                        f"({new})" if isinstance(child, ast.expr) and not isinstance(child, ast.Name) else new
-                    )
-                    changed = text.encode()[:first] + new.encode() + text.encode()[last:]
-                    found.append(Mutant(path, function, changed.decode()))
-            visit(child, function)
+                    if isinstance(child, ast.expr) and not isinstance(child, ast.Name):
+                        new = f"({new})"
+                    found.append(Mutant(path, function, innermost, first, last, new))
+            visit(child, function, innermost)
 
-    visit(ast.parse(text), "")
+    visit(ast.parse(text), "", (0, 0))
     return found
 
 
-@cache
-def imported(path: Path) -> set[str]:
-    """Return the modules of the framework that a file imports; of `from framework import x` that of x."""
-    import framework
-
-    names = set[str]()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("framework"):
-            names.add(node.module)
-            for alias in node.names:
-                module = f"{node.module}.{alias.name}"
-                if node.module == "framework":
-                    names.add(getattr(getattr(framework, alias.name, None), "__module__", module))
-                names.add(module)
-    return names
-
-
-def tests_of(checkout: Path, path: Path) -> list[list[str]]:
-    """Return the test files that touch a module: its package's and those that import it; then one step on."""
-    module = ".".join(path.with_suffix("").parts)
-    users = {
-        ".".join(file.relative_to(checkout).with_suffix("").parts)
-        for file in (checkout / "framework").rglob("*.py")
-        if module in imported(file)
-    } - {"framework"}
-    near, far = list[str](), list[str]()
-    for file in sorted((checkout / "tests").rglob("test_*.py")):
-        if {"witness", "browser", "benchmarks", "fuzz"} & set(file.parts):
-            continue
-        names = imported(file)
-        in_package = file.is_relative_to(checkout / "tests" / path.parts[1])
-        if module in names or in_package:
-            near.append(str(file.relative_to(checkout)))
-        elif users & names:
-            far.append(str(file.relative_to(checkout)))
-    # those that import the module themselves first
-    near.sort(key=lambda name: module not in imported(checkout / name))
-    return [stage for stage in (near, far) if stage]
+def draw(seed: int, count: int, packages: list[str]) -> list[Mutant]:
+    """Draw mutants: a package, one of its functions, one of its changes."""
+    rng = random.Random(seed)
+    by_package: dict[str, dict[tuple[Path, str], list[Mutant]]] = {}
+    drawn = list[Mutant]()
+    for _ in range(count):
+        package = rng.choice(packages)
+        if package not in by_package:
+            by_package[package] = by_function = {}
+            for path in sorted((ROOT / "framework" / package).rglob("*.py")):
+                for mutant in mutants_of(path):
+                    by_function.setdefault((path, mutant.function), []).append(mutant)
+        by_function = by_package[package]
+        drawn.append(rng.choice(by_function[rng.choice(sorted(by_function))]))
+    return drawn
 
 
-def judge(mutant: Mutant, checkout: Path, seconds: float) -> str:
-    """Run the tests that touch a mutant in a copy of the checkout; return what became of it.
+def replace_sources(texts: dict[str, str | ast.Module]) -> None:
+    """Let this process import modules as these sources instead of their files."""
+    read = SourceFileLoader.get_code
 
-    The mutant hangs if the first stage of tests takes longer than `seconds`; the second one is then cut off.
-    """
-    target = checkout / mutant.path
-    original = target.read_text()
-    stages = tests_of(checkout, mutant.path)
-    target.write_text(mutant.text)
-    environment = os.environ | {"PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-k", "not idle"]
+    def get_code(loader: SourceFileLoader, name: str) -> CodeType | None:
+        path = loader.get_filename(name)
+        return compile(texts[path], path, "exec", dont_inherit=True) if path in texts else read(loader, name)
+
+    SourceFileLoader.get_code = get_code
+
+
+def marked(path: Path, numbers: dict[tuple[int, int], list[int]]) -> ast.Module:
+    """Return a module that calls `_reach` with the numbers of a statement before it."""
+    tree = ast.parse(path.read_text())
+    for node in list(ast.walk(tree)):
+        for field in ("body", "orelse", "finalbody"):
+            statements = getattr(node, field, None)
+            if isinstance(statements, list):
+                for statement in reversed(list(statements)):
+                    for number in numbers.get((statement.lineno, statement.col_offset), []):
+                        call = ast.parse(f"_reach({number})").body[0]
+                        statements.insert(statements.index(statement), call)
+    return ast.fix_missing_locations(tree)
+
+
+def in_fork(function: Callable[[], T], seconds: float) -> T | None:
+    """Return what a function returns in a fork of this process; None if it dies or takes longer [s]."""
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe(duplex=False)
+
+    def run() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 1,) * 2)
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+        there.send(function())
+
+    process = context.Process(target=run)
+    process.start()
+    there.close()
     try:
-        for number, stage in enumerate(stages):
-            try:
-                done = subprocess.run(
-                    [*command, *stage],
-                    cwd=checkout,
-                    env=environment,
-                    capture_output=True,
-                    timeout=seconds,
-                    check=False,
-                )
-            except subprocess.TimeoutExpired:
-                return "hangs" if number == 0 else "SURVIVES what time allowed"
-            if done.returncode == 4:  # a mistake of this program, not of the mutant
-                raise RuntimeError(done.stderr.decode())
-            if done.returncode not in (0, 5):  # 5: no tests
-                return "dies"
-        return "SURVIVES"
+        return here.recv() if here.poll(10.0 * seconds) else None
+    except EOFError:
+        return None
     finally:
-        target.write_text(original)
+        process.kill()
+        process.join()
 
 
-def show(checkout: Path, mutant: Mutant) -> str:
+def run_pytest(plugin: object, *arguments: str) -> int:
+    return int(pytest.main(["-q", "-p", "no:cacheprovider", "-k", "not idle", *arguments], plugins=[plugin]))
+
+
+class Recorder:
+    """Notes of each test that passes its time and what it reaches."""
+
+    def __init__(self) -> None:
+        self.tests = list[Test]()
+        self.reached = set[int]()
+        builtins._reach = self.reached.add
+        self.seconds = 0.0
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds += report.duration
+        if report.when == "call" and report.passed:
+            self.tests.append(Test(report.nodeid, self.seconds, sorted(self.reached)))
+        if report.when == "teardown":
+            self.seconds = 0.0
+            self.reached.clear()
+
+
+class Chooser:
+    """Runs these tests in this order until one fails or the processor time [s] is up."""
+
+    def __init__(self, names: list[str], seconds: float) -> None:
+        self.rank = {name: rank for rank, name in enumerate(names)}
+        self.end = time.process_time() + seconds
+        self.killer = ""
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = sorted(
+            (item for item in items if item.nodeid in self.rank), key=lambda item: self.rank[item.nodeid]
+        )
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        self.killer = self.killer or report.nodeid * report.failed
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.killer = self.killer or report.nodeid * report.failed
+
+    def pytest_runtest_teardown(self, item: pytest.Item) -> None:
+        if self.killer or time.process_time() > self.end:
+            item.session.shouldstop = "killed, or the time is up"
+
+
+def record(sources: dict[str, str | ast.Module], file: str) -> list[Test]:
+    """Run one file of tests; return the tests that pass."""
+    replace_sources(sources)
+    recorder = Recorder()
+    run_pytest(recorder, file)
+    return recorder.tests
+
+
+def run_chosen(mutant: Mutant, names: list[str], seconds: float) -> str:
+    """Run tests in this order; return the one that fails, or nothing."""
+    replace_sources({str(mutant.path): mutant.text()})
+    chooser = Chooser(names, seconds)
+    run_pytest(chooser, *dict.fromkeys(name.split("::")[0] for name in names))
+    return chooser.killer
+
+
+def judge(number: int, mutant: Mutant, tests: list[Test], seconds: float) -> str:
+    """Return what became of a mutant before the tests that reach it, and the others of their files."""
+    files = {test.name.split("::")[0] for test in tests if number in test.reached}
+    near = [test for test in tests if test.name.split("::")[0] in files]
+    near.sort(key=lambda test: (number not in test.reached, test.seconds))
+    names = [test.name for test in near]
+    for part in (names[:30], names[30:200], names[200:]):  # files that are not needed are not read
+        killer = in_fork(partial(run_chosen, mutant, part, seconds), 2.0 * seconds) if part else ""
+        if killer is None:
+            return "dies: it hangs"
+        if killer:
+            return f"dies by {killer}"
+    reached = sum(number in test.reached for test in near)
+    needed = sum(test.seconds for test in near)
+    return f"SURVIVES {len(near)} tests of {needed:.0f} s; {reached} of them reach it"
+
+
+def show(mutant: Mutant) -> str:
     """Return the changed lines of a mutant."""
     lines = difflib.unified_diff(
-        (checkout / mutant.path).read_text().splitlines(), mutant.text.splitlines(), n=0, lineterm=""
+        mutant.path.read_text().splitlines(), mutant.text().splitlines(), n=0, lineterm=""
     )
     changed = "\n".join(f"    {line}" for line in list(lines)[3:])
-    return f"{mutant.path} {mutant.function}\n{changed}"
+    return f"{mutant.path.relative_to(ROOT)} {mutant.function}\n{changed}"
 
 
 def main() -> None:
@@ -196,33 +298,43 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--skip", type=int, default=0, help="judge those after the first SKIP only")
     parser.add_argument("--packages", nargs="+", help="of the framework; by default all but cli and show")
-    parser.add_argument("--seconds", type=float, default=300.0, help="of one stage of tests")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of tests for each mutant")
+    parser.add_argument("--record", type=Path, help="file of what tests reach, for the next run")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
 
-    rng = random.Random(options.seed)
-    root = Path(__file__).parent.parent
     packages = options.packages or sorted(
-        {path.parent.name for path in (root / "framework").glob("*/__init__.py")} - {"cli", "show"}
+        {path.parent.name for path in (ROOT / "framework").glob("*/__init__.py")} - {"cli", "show"}
     )
-    survivors = 0
-    with tempfile.TemporaryDirectory() as folder:
-        checkout = Path(folder)
-        for name in SOURCES:
-            shutil.copytree(root / name, checkout / name, ignore=shutil.ignore_patterns("__pycache__"))
-        for file in (path for path in root.iterdir() if path.is_file()):
-            shutil.copy(file, checkout)
-        for number in range(options.count):
-            package = rng.choice(packages)
-            by_function: dict[tuple[Path, str], list[Mutant]] = {}
-            for path in sorted((checkout / "framework" / package).rglob("*.py")):
-                for mutant in mutants_of(checkout, path.relative_to(checkout)):
-                    by_function.setdefault((mutant.path, mutant.function), []).append(mutant)
-            mutant = rng.choice(by_function[rng.choice(sorted(by_function))])
-            verdict = judge(mutant, checkout, options.seconds)
+    drawn = draw(options.seed, options.count, packages)
+    for library in LIBRARIES:
+        importlib.import_module(library)
+    with ThreadPoolExecutor(options.processes) as pool:
+        if options.record and options.record.exists():
+            tests = [Test(*test) for test in json.loads(options.record.read_text())]
+        else:
+            numbers = defaultdict[Path, dict[tuple[int, int], list[int]]](lambda: defaultdict(list))
+            for number, mutant in enumerate(drawn):
+                numbers[mutant.path][mutant.statement].append(number)
+            sources = {str(path): marked(path, numbers[path]) for path in numbers}
+            files = [
+                str(file.relative_to(ROOT))
+                for file in sorted((ROOT / "tests").rglob("test_*.py"))
+                if not LEFT_OUT & set(file.parts)
+            ]
+            runs = pool.map(lambda file: in_fork(partial(record, sources, file), 1000.0), files)
+            tests = [test for file, run in zip(files, runs, strict=True) for test in run or print(file) or []]
+            if options.record:
+                options.record.write_text(json.dumps(tests))
+        todo = list(enumerate(drawn))[options.skip :]
+        verdicts = pool.map(lambda pair: judge(*pair, tests, options.seconds), todo)
+        survivors = 0
+        for (number, mutant), verdict in zip(todo, verdicts, strict=True):
             survivors += verdict.startswith("SURVIVES")
-            print(f"{number + 1}: {verdict}  {show(checkout, mutant)}", flush=True)
-    print(f"{survivors} of {options.count} survive")
+            print(f"{number + 1}: {verdict}\n  {show(mutant)}", flush=True)
+    print(f"{survivors} of {len(todo)} survive")
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ MEANT = [  # a wrong command line, what was meant
     ("simulate five_bar --scene C --method explicite", "did you mean 'explicit'?"),
     ("plan five_bar --scene C --wrench-on left_tp 0 0 0 0 0 0", "did you mean 'left_tip'?"),
     ("simulate five_bar --scene C --controller lqr", "an option of crossing robustness"),
+    (f"plan five_bar {LINE}", "required with --from and --to, in seconds\n"),  # without one that is not tried
     ("check my_robt.yaml", "did you mean 'my_robot.yaml'?"),
     ("calibrate five_bar none.csv --noise motor_angel=1", "did you mean 'motor_angle'?"),
 ]
@@ -56,7 +57,6 @@ TRIED = [  # a wrong command line, its exit code, what to try
     ("pose", 2, "pose five_bar --motors 1.2 1.9"),
     ("pose five_bar", 2, "pose five_bar --motors 1.27186 1.08362"),
     ("--json check five_bar", 2, "check five_bar --json"),
-    (f"plan five_bar {LINE}", 2, f"plan five_bar {LINE} --duration 1"),
     (f"plan five_bar --scene A {LINE}", 2, "plan five_bar --scene A"),
     ("plan five_bar --scene C --duration 0.3", 2, "plan five_bar --scene C --duration 0.3 --law optimal"),
     ("plan five_bar --scene C --law optimal --times 2", 2, "plan five_bar --scene C --law optimal"),
@@ -77,6 +77,11 @@ TRIED = [  # a wrong command line, its exit code, what to try
     ),  # a motion that runs back
     ("pose five_bar --motors 1.27 -5.2", 1, "pose five_bar --motors 1.27 -5.2 --all"),
     ("plan five_bar --scene C --law optimal --torque-limit=0.01", 1, None),  # a duration
+    (
+        "plan five_bar --scene C --law optimal --torque-limit 0.5 --times 0.01",
+        1,
+        "plan five_bar --scene C --law optimal --torque-limit 0.5",
+    ),  # limits 500 times as high are not tried
 ]
 SLOW = {  # optimal laws; the plain suite tries the one of scene B
     "plan five_bar --scene C --duration 0.3",
@@ -84,6 +89,7 @@ SLOW = {  # optimal laws; the plain suite tries the one of scene B
     "simulate five_bar --scene B --method stiff",
     "plan --law polynomial five_bar --scene C --times 0.01",
     "plan five_bar --scene C --law optimal --torque-limit=0.01",
+    "plan five_bar --scene C --law optimal --torque-limit 0.5 --times 0.01",
 }
 
 

@@ -10,7 +10,7 @@ import pickle
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,11 +42,15 @@ from framework import (
     track_path,
     velocity_matrices,
 )
-from framework.model import readers
+from framework.identification import Identification
+from framework.model import Material, Section, readers
+from framework.model.beams import tip_spring
+from framework.model.readers.recognise import parse_any
 from framework.planning.plan import plan_request
 from framework.planning.request import Request
 from framework.planning.saved import plan_document
 from framework.proofs.working_modes import working_modes
+from framework.show import plots
 from framework.singularity.points_on_path import search_path
 from tests.test_public_names import PACKAGES
 
@@ -55,6 +59,11 @@ ERRORS = {
 }
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
 ROBOT = robots.load("five_bar")
+UNCHANGED = SimpleNamespace(link_values=np.ones(2), links=SimpleNamespace(values=np.ones(2)))
+
+
+def TORQUE(t: float) -> list[float]:
+    return [0.0, 0.0]
 
 
 def test_the_core_is_small_and_has_every_error() -> None:
@@ -314,7 +323,19 @@ def test_what_is_of_another_kind_is_refused_by_its_name(name: str, call: Callabl
         call()
 
 
-def test_what_goes_with_the_next_version_warns_and_answers_as_before():
-    modes = working_modes(ROBOT, [0.1, 0.345])
-    with pytest.warns(DeprecationWarning, match="are_all"):
-        assert not modes.truncated
+@pytest.mark.parametrize(
+    ("successor", "use"),
+    [
+        ("are_all", lambda: working_modes(ROBOT, [0.1, 0.345]).truncated),
+        ("NotIdentified", lambda: bool(Identification.keeps_file.fget(UNCHANGED))),
+        ("beam_spring", lambda: not tip_spring("a", "b", Section.tube(0.01), Material(1.0, 1.0), 1.0)),
+        ("see tree", lambda: parse_any(ROBOT.description.file).urdf.tag != "robot"),
+        ("save_figure", lambda: plots.save is not plots.save_figure),
+        ("reference", lambda: simulate(ROBOT, TORQUE, duration=1e-3, method="explicit").duration != 1e-3),
+    ],
+)
+def test_what_goes_with_a_later_version_warns_where_it_is_used(successor: str, use: Callable) -> None:
+    with pytest.warns(DeprecationWarning, match=successor) as warned:
+        assert use() is (successor == "NotIdentified")
+    lines = [(warning.filename, warning.lineno) for warning in warned]
+    assert lines == [(__file__, use.__code__.co_firstlineno)]

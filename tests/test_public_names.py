@@ -195,6 +195,7 @@ def test_names_of_0_7_are_found_with_a_warning_where_they_have_moved(module: str
         if module in MOVED:
             (warning,) = caught
             assert warning.category is DeprecationWarning
+            assert warning.filename == __file__
             place = str(warning.message).partition(" is ")[2].partition(" now")[0]
             if place:  # the successor that the warning names
                 home, _, today = place.rpartition(".")

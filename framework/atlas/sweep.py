@@ -223,6 +223,8 @@ def _step_once(
         opposites: steps (k,) whose ends lie halfway between their starts and other poses; states of these.
     """
     newton_steps = 10  # largest number that corrects a prediction
+    # [rad, robot lengths] a step below it is the last: it leaves the loops open by less than its square
+    last_step = 1e-6
     # predict
     # The platform's step as a twist (T, n). If the platform turns, the same change of coordinates is one
     # twist at the start and another one at the end. The one at the end gives the tangent there, by which
@@ -252,9 +254,9 @@ def _step_once(
     ends = select(states, np.arange(len(start)))  # a copy, of which the starts stay where no loop closes
     corrected = guess
     for closed, loops, _ in close_in_place(
-        robot, end, corrected, iterations=newton_steps, farthest=MAX_NEWTON_STEP
+        robot, end, corrected, iterations=newton_steps, farthest=MAX_NEWTON_STEP, enough=last_step
     ):
-        # the loops before a last step of rounding serve for its end
+        # the loops before so short a step serve for its end
         closed_states = ModeStates.of(robot, loops)._replace(q=corrected[closed])
         accepted, _correction = accept_steps(
             robot,

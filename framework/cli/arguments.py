@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -178,7 +178,7 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
-        raise InvalidInput("--duration: required with --from and --to").advising({"duration": 1.0})
+        raise InvalidInput("--duration: required with --from and --to, in seconds")
     return Request.of(robot, along, **typed)
 
 
@@ -360,14 +360,16 @@ def written_out(options: Namespace, document: str, beside: Collection[str] = ())
 @contextmanager
 def mapped_stepwise(
     options: Namespace, document: str, setup: Document, unit: str
-) -> Iterator[tuple[FilePath | None, KeptChunks | None, Executor | None]]:
-    """Yield the folder of `written_stepwise`, the store of finished chunks, the executor."""
+) -> Iterator[tuple[FilePath | None, KeptChunks | None]]:
+    """Yield the folder of `written_stepwise`, and the store of finished chunks."""
     store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
-    with (
-        written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder,
-        executor_of(workers=options.workers, dask=options.dask) as executor,
-    ):
-        yield folder, store, executor
+    with written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder:
+        yield folder, store
+
+
+def start_workers(options: Namespace, *modules: str) -> AbstractContextManager[Executor | None]:
+    """Return the context of the executor of --workers or --dask, whose processes import modules at once."""
+    return executor_of(workers=options.workers, dask=options.dask, imports=modules)
 
 
 @contextmanager

@@ -238,9 +238,7 @@ def _lesson_file(options: Namespace, file: FilePath) -> Export:
         raise InvalidInput(f"--scene {chosen.name} has wrenches of the world, which a lesson does not have")
     duration = chosen.duration if options.duration is None else options.duration
     if duration is None:
-        raise InvalidInput(
-            f"--scene {chosen.name} has no duration, which a lesson needs; give --duration"
-        ).advising({"duration": 1.0})
+        raise InvalidInput(f"--scene {chosen.name} has no duration, which a lesson needs; give --duration")
     try:
         page = lesson_page(robot, scene_path(chosen), duration=duration, name=f"Scene {chosen.name}")
     except NoAnswer as error:

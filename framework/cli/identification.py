@@ -23,9 +23,9 @@ from framework.tolerances import MIN_RANK_GAP
 
 CALIBRATED = """\
 {0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
-{0.combinations.gap:.1e}), {0.instants} poses, {0.steps} steps
+{0.combinations.gap:.1e}), {0.instants} poses{4}, {0.steps} steps
   residual          {2}{3}
-  held out, by {4}\tbefore\tafter"""
+  held out, by {5}\tbefore\tafter"""
 
 
 def add_calibrate_options(parser: OneLineParser) -> None:
@@ -98,7 +98,8 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     unseen = calibration.unseen
     outliers = f"; outliers: {', '.join(calibration.outlier_rows)}" if calibration.outliers else ""
     source = "motor angles" if calibration.poses == "motors" else "the platform: motors lead elsewhere"
-    lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers, source)]
+    left_out = _tell_left_out(calibration.left_out)
+    lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers, left_out, source)]
     lines += ["  {}\t{:.2e}\t{:.2e}".format(*error) for error in calibration.errors_held_out()]
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(names, calibration.values, calibration.deviations, strict=True)
@@ -137,7 +138,8 @@ def _list_further_poses(calibration: Calibration) -> list[str]:
 
 IDENTIFIED = """\
 {0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e})
-  data              {0.instants} samples every {0.period:.4g} s{jitter}, {0.equations} equations; angles up \
+  data              {0.instants} samples{left_out} every {0.period:.4g} s{jitter}, {0.equations} equations; \
+angles up \
 to {0.cutoff:.3g} Hz, poses by the {0.poses}
   noise of torques  {noise}{massless}
   torques held out: error over torque, and by how many deviations of chance it is worse than the twin"""
@@ -217,6 +219,8 @@ def _add_conversions(group: Any) -> None:
         ("--sign", "COLUMN=-1", "columns, or all of a kind, that count the other way"),
         ("--zero", "COLUMN=VALUE", "readings where columns are zero, in SI units, after unit and sign"),
         ("--swap", "COLUMN=COLUMN", "columns that are exchanged for one another"),
+        ("--column", "COLUMN=HEADER", "words of the first line of DATA in place of a column's name"),
+        ("--unwrap", "COLUMN", "columns of angles that begin anew after a turn"),
     ):
         group.add_argument(flag, nargs="+", default=[], metavar=form, help=text)
 
@@ -228,6 +232,8 @@ def _conversions(options: Namespace) -> Conversions:
         signs=arguments.named_numbers("--sign", options.sign, "COLUMN=-1"),
         zeros=arguments.named_numbers("--zero", options.zero, "COLUMN=VALUE"),
         swaps=_named_words("--swap", options.swap),
+        headers=_named_words("--column", options.column),
+        unwrapped=options.unwrap,
     )
 
 
@@ -271,6 +277,11 @@ def run_identify(options: Namespace) -> Report:
     return document, identification_lines(identification, everything=options.all)
 
 
+def _tell_left_out(count: int) -> str:
+    """Return the clause about rows of a file that are not used."""
+    return f" ({count} rows without all numbers, or that repeat one, left out)" if count else ""
+
+
 def identification_lines(identification: Identification, *, everything: bool = False) -> list[str]:
     """Return the report on identified parameters, in words; `everything` lists the base parameters."""
     base = identification.base
@@ -281,6 +292,7 @@ def identification_lines(identification: Identification, *, everything: bool = F
         "parameters": len(base.parameters),
         "noise": ", ".join(f"{joint} {value:.2g} {unit}" for joint, value, unit in noise),
         "jitter": f" (+- {0.5 * identification.jitter:.1g})" if identification.jitter > least else "",
+        "left_out": _tell_left_out(identification.left_out),
         "massless": f"\n  massless          left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
     lines = [IDENTIFIED.format(identification, **words)]

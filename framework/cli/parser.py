@@ -46,7 +46,7 @@ def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a r
 
 def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:
     """Add an option that takes a number, or several with `nargs`."""
-    group.add_argument(flag, type=float, metavar=metavar, help=text, **settings)
+    group.add_argument(flag, metavar=metavar, help=text, **{"type": float, **settings})
 
 
 def not_empty(text: str) -> str:
@@ -198,6 +198,6 @@ def add_executor(parser: OneLineParser) -> None:
         type=integer_between(1, MAX_WORKERS),
         default=1,
         metavar="N",
-        help="processes (default: 1)",
+        help="processes, this one included (default: 1)",
     )
     group.add_argument("--dask", metavar="ADDRESS", help="of a dask scheduler, instead of --workers")

@@ -383,8 +383,9 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
 def plan_lines(plan: CrossingPlan) -> list[str]:
     """Return the report on a plan, in words."""
     robot = plan.robot
-    is_polynomial = plan.law.kind == Law.kind
-    law = f"law of degree {plan.law.degree}" if is_polynomial else f"{plan.law.kind} law"
+    law = plan.reason if plan.is_chain else f"{plan.law.kind} law"
+    if plan.law.kind == Law.kind and not plan.is_chain:
+        law = f"law of degree {plan.law.degree}"
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
     facts = [Fact("law", plan.reason), *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]
     return [head, *(fact.line for fact in facts)]

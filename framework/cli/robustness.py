@@ -6,6 +6,7 @@ import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -46,7 +47,6 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text, select_fields
-from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER = "feedforward"
 COLUMNS = (
@@ -61,10 +61,10 @@ COLUMNS = (
     "why",
 )
 DIFFERENCES = (  # of the robots from their model: option, default value, meaning
-    ("payload", 0.05, "share of the payload, uniform in +-"),
+    ("payload", 0.05, "share of the payload, such as 10%% or 0.1, uniform in +-"),
     ("stiffness", 0.0, "share of each spring's stiffness, uniform in +-"),
     ("places", 0.0, "[m] standard deviation of each joint's place"),
-    ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
+    ("friction", 0.0, "share of each motor's peak torque, its Coulomb friction, uniform from 0"),
     ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
     ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
     ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
@@ -175,6 +175,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
             f"{meaning} (default: {default:g})",
             dest=f"spread_{name}",
             default=default,
+            type=_share if meaning.startswith("share") else float,
         )
     loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
@@ -222,10 +223,24 @@ def _controller_label(text: str) -> str:
     return text
 
 
+def _share(text: str) -> float:
+    """Parse a share such as 10% or 0.1; an argparse type."""
+    try:
+        return arguments.share("share", text)
+    except InvalidInput as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
 def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, or repeat a single run."""
     if options.replay is not None:
         return replay_run(options)
+    with arguments.start_workers(options, "framework.control.study") as executor:
+        return _study_controllers(options, executor)
+
+
+def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
+    """Study each controller on the same robots."""
     setup = _make_setup(options)
     options.progress.start("predicting")
     suggests = options.sensors == ["suggest"]
@@ -258,7 +273,7 @@ def run_robustness(options: Namespace) -> Report:
 
     unit = f"of {options.runs * len(stores)} runs"
     with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
-        studies = _run_studies(options, setup, controllers, stores)
+        studies = _run_studies(options, setup, controllers, stores, executor)
         document = _make_document(setup, studies, out) | {
             "predicted": [asdict(one) for one in predictions],
             "tried": [one._asdict() for one in trials],
@@ -364,7 +379,11 @@ def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None)
 
 
 def _run_studies(
-    options: Namespace, setup: StudySetup, controllers: dict[str, Controller], stores: dict[str, KeptChunks]
+    options: Namespace,
+    setup: StudySetup,
+    controllers: dict[str, Controller],
+    stores: dict[str, KeptChunks],
+    executor: Executor | None,
 ) -> list[Study]:
     """Run one study for each controller, in several processes."""
     studies: list[Study] = []
@@ -372,22 +391,21 @@ def _run_studies(
     if stores:  # what is finished when the study is stopped is stored
         chunk = min(chunk or STORED_RUNS, STORED_RUNS)
     report_runs = options.progress.start("simulating", options.runs * len(controllers), "runs")
-    with executor_of(workers=options.workers, dask=options.dask) as executor:
-        for name, controller in controllers.items():
-            study = run_study(
-                controller,
-                setup.loop,
-                setup.spread,
-                runs=options.runs,
-                name=name,
-                seed=setup.seed,
-                executor=executor,
-                chunk=chunk,
-                keeper=stores.get(name),
-                # runs of earlier studies count, too
-                progress=lambda done: report_runs(len(studies) * options.runs + done),
-            )
-            studies.append(study)
+    for name, controller in controllers.items():
+        study = run_study(
+            controller,
+            setup.loop,
+            setup.spread,
+            runs=options.runs,
+            name=name,
+            seed=setup.seed,
+            executor=executor,
+            chunk=chunk,
+            keeper=stores.get(name),
+            # runs of earlier studies count, too
+            progress=lambda done: report_runs(len(studies) * options.runs + done),
+        )
+        studies.append(study)
     return studies
 
 

@@ -6,6 +6,11 @@ With --study: a small map for each set of the parameters of a robot file.
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from operator import call
+from pathlib import Path as FilePath
 
 import numpy as np
 
@@ -57,6 +62,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.output import select_fields
+from framework.numerics.tasks import iterate_results
 from framework.planning.options import LIMITS, MODEL
 from framework.planning.scenes import scene, scene_path
 
@@ -151,13 +157,19 @@ def add_map_options(parser: OneLineParser) -> None:
 
 
 def run_map(options: Namespace) -> Report:
-    """Compute, report and write a map."""
-    if options.study:
-        return report_design_study(options)
-    if options.table is not None:
+    """Compute, report and write a map, or the maps of a study."""
+    if options.table is not None and not options.study:
         raise InvalidInput("--table: is read with --study only; add it, or leave --table out").advising(
             {"study": True}
         )
+    report = report_design_study if options.study else report_workspace_map
+    module = "framework.atlas.workspace_map" if options.out is None else "framework.show.map"
+    with arguments.start_workers(options, module) as executor:
+        return report(options, executor)
+
+
+def report_workspace_map(options: Namespace, executor: Executor | None) -> Report:
+    """Compute, report and write a map."""
     robot = arguments.load(options)
     if options.keep_limits:
         check_reference(robot)
@@ -168,7 +180,7 @@ def run_map(options: Namespace) -> Report:
         check_window(robot, window)
     margin = _find_margin(options, robot)
     setup = setup_document(robot, window, quantities)
-    with arguments.mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
+    with arguments.mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store):
         workspace = workspace_map(
             robot,
             window,
@@ -182,13 +194,26 @@ def run_map(options: Namespace) -> Report:
             workspace = restrict_to_ranges(workspace)
         if folder is not None:
             options.progress.start("drawing the figures")
-            from framework.show.map import map_page, save_map_figures
-
-            write_map(workspace, folder)
-            save_map_figures(workspace, folder, path=path)
-            if len(window.axes) > 1:
-                (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
+            # workers of dask may be elsewhere, and the files are of this machine
+            _write_files(workspace, folder, path, None if options.dask else executor)
     return _report_map(workspace, margin, is_whole=options.window is None)
+
+
+def _write_files(
+    workspace: WorkspaceMap, folder: FilePath, path: Path | None, executor: Executor | None
+) -> None:
+    """Write tables, figures and page of a map; processes of the executor draw figures."""
+    from framework.show.map import map_page, save_map_figures
+
+    workspace.locus  # noqa: B018 - traced once, not in each process
+    parts: dict[str, Callable[[], object]] = {
+        key: partial(save_map_figures, workspace, folder, path=path, keys=[key]) for key in workspace.values
+    }
+    parts["tables"] = partial(write_map, workspace, folder)
+    for _ in iterate_results(call, parts, executor):
+        pass
+    if len(workspace.window.axes) > 1:
+        (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
 def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
@@ -276,7 +301,7 @@ def _format_spans(robot: ParallelRobot, window: Window) -> str:
 # ------------------------------------------------------------------ map --study
 
 
-def report_design_study(options: Namespace) -> Report:
+def report_design_study(options: Namespace, executor: Executor | None) -> Report:
     """Map each design of a study; write and report the results."""
     reason = "not for a study, whose robots have values of their own"
     arguments.refuse_options(options, NOT_FOR_STUDIES, reason)
@@ -297,7 +322,7 @@ def report_design_study(options: Namespace) -> Report:
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
     setup = study_setup(task, designs)
-    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):
+    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store):
         progress = options.progress.start("mapping", len(designs.values), "designs")
         study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:

@@ -226,12 +226,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     gains = [motor_gains(reference, model, MotorControl.of(inertia, one)) for one in bandwidths]
     gain = np.stack(gains, axis=1)  # (K, bandwidths, n_a, N)
     deviations = [
-        closed_loop_deviation(
-            plant,
-            Feedback(gain, periods),
-            start,
-            robots=[plant] * len(bandwidths),
-        ).z[:, :, : robot.n]
+        closed_loop_deviation(Feedback(gain, periods), [plant] * len(bandwidths), start).z[:, :, : robot.n]
         for periods in (delay, delay + 1)
     ]
     worst = (np.maximum(*deviations) / robot.platform_scale).max(axis=(1, 2))  # (bandwidths,)

@@ -8,10 +8,11 @@ A robot's deviations z from the plan, the filter's prediction z^ and the torques
     next        z = F z + G u,        z^ = F^ z~ + G^ u,
 
 where F^, G^, C^, D^ are those of the controller's model, and F, G, C, D those of the robot, whose springs may
-be others. The spread of payload, friction and springs are parts of z at the start. Independent starts, each
-of one standard deviation, and NOISE_SAMPLES sequences of noise are advanced together, as columns of one
-matrix; the variance is the sum of squares over the starts and the mean of squares over the noise. The
-filter's own covariance would be too hopeful, since it knows only of what it estimates.
+be others and whose z may have disturbances that the controller does not know. The spread of payload, friction
+and springs are parts of z at the start. Independent starts, each of one standard deviation, and NOISE_SAMPLES
+sequences of noise are advanced together, as columns of one matrix; the variance is the sum of squares over
+the starts and the mean of squares over the noise. The filter's own covariance would be too hopeful, since it
+knows only of what it estimates.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Plant(NamedTuple):
 class Observer(NamedTuple):
     """A filter of s readings."""
 
+    plant: Plant  # the controller's model, F^, G^, C^, D^
     gain: Array  # (K, N, s)
     noise: Array  # (s,) standard deviations of the readings
 
@@ -66,40 +68,33 @@ class Deviation(NamedTuple):
     torque: Array  # (R, K, n_a) of the torques less the planned ones [N m, N], motor side
 
 
-def closed_loop_deviation(
-    model: Plant,
-    feedback: Feedback,
-    start: Array,
-    *,
-    robots: Sequence[Plant] | None = None,
-) -> Deviation:
+def closed_loop_deviation(feedback: Feedback, robots: Sequence[Plant], start: Array) -> Deviation:
     """Compute the standard deviations of z and of the torques in the closed loop.
 
     Args:
-        model: of the controller.
         feedback: torques by z.
-        start: standard deviations (N,) of z at the start.
-        robots: the R robots; by default the model alone.
+        robots: the R robots, of one structure.
+        start: standard deviations (N,) of their z at the start.
     """
-    plants = (model,) if robots is None else robots
-    count, N, n_a = model.G.shape
+    count, N, n_a = robots[0].G.shape
     observer, delay = feedback.observer, feedback.delay
+    model = robots[0] if observer is None else observer.plant
     random = np.random.default_rng(NOISE_SEED)
     spread = np.diag(start)[:, start > 0]
     starts = spread.shape[1]
     samples = 0 if observer is None else NOISE_SAMPLES
     columns = starts + samples
-    state = np.zeros((len(plants), N, columns))  # z
+    state = np.zeros((len(robots), N, columns))  # z
     state[:, :, :starts] = spread
-    predicted = np.zeros_like(state)  # z^
+    predicted = np.zeros((len(robots), model.G.shape[1], columns))  # z^
     sent: list[Array] = []  # (R, n_a, columns) torques
-    none = np.zeros((len(plants), n_a, columns))
+    none = np.zeros((len(robots), n_a, columns))
     acting = none
-    is_lost = np.zeros(len(plants), dtype=bool)
+    is_lost = np.zeros(len(robots), dtype=bool)
     shares = np.repeat([1.0, 1.0 / NOISE_SAMPLES], [starts, samples])  # (columns,) of squares in variances
     # variances, of which the roots are taken at the end
-    z, torque = np.empty((len(plants), count, N)), np.empty((len(plants), count, n_a))
-    parts = [list(zip(*part, strict=True)) for part in zip(*plants, strict=True)]  # by instant
+    z, torque = np.empty((len(robots), count, N)), np.empty((len(robots), count, n_a))
+    parts = [list(zip(*part, strict=True)) for part in zip(*robots, strict=True)]  # by instant
     for k in range(count):
         F, G, C, D = (np.array(part[k]) for part in parts)
         z[:, k] = (state * state) @ shares

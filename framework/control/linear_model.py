@@ -7,15 +7,15 @@ motions with closed loops (`driven_force_changes`) give, for small deviations fr
 
 where S selects the motors, n is the gear ratio, and theta are unknown constants: an error of the payload, of
 dry friction, of springs, of gravity, of torques. E_2 is singular if links have no mass. Therefore the
-coordinates are w = (x, q_m, l) = W y: the platform, joints of motors in the place of as many deflections, and
-the other deflections l. With massless links, l moves no mass at constant (x, q_m). With V = W^-1,
+coordinates are w = (x, q_m, e_o) = W y: the platform, joints of motors in the place of as many deflections,
+and the other deflections. With massless links, these move no mass at constant (x, q_m). With V = W^-1,
 
     M = V' E_2 V,        D = V' (E_1 V + 2 E_2 V'),        K = V' (E_0 V + E_1 V' + E_2 V"),
 
-where V' and V" behind E are time derivatives, V' = -V W' V, V" = -V (W" V + 2 W' V'). Deflections that are
-too fast for the sampling period, massless ones among them, are in static balance with the coordinates h that
-stay: l = L_h h + L_t tau + L_f theta from the rows K_lh h + K_ll l = B_l tau + f_l theta. The state is
-(h, h', theta).
+where V' and V" behind E are time derivatives, V' = -V W' V, V" = -V (W" V + 2 W' V'). Coordinates l that are
+together too fast for the sampling period, massless ones among them, are in static balance with the
+coordinates h that stay: l = L_h h + L_t tau + L_f theta from the rows K_lh h + K_ll l = B_l tau + f_l theta.
+The state is (h, h', theta).
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ from framework.numerics.ordered_sums import matmul
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
 DISTURBANCES = ("payload", "friction", "springs", "gravity", "torque")
-MAX_MODE_SHARE = 1.0  # of the sampling rate, of the fastest vibration in the model
+# of the sampling rate: coordinates in static balance vibrate faster. At 3, vibrations of half of the sampling
+# rate, the fastest that samples tell apart, change by 1.4 %
+LEAST_BALANCED_SHARE = 3.0
 CHOICE_INSTANTS = 9  # at which coordinates are chosen
 SMALL_CHANGE = 0.01  # of the payload, in which forces are linear
 
@@ -270,49 +272,36 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
 def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
     """Choose the coordinates w, and which are in static balance, at CHOICE_INSTANTS of the plan.
 
-    At first all motors that deflections move are coordinates, and all deflections stay that are slow with the
-    other coordinates at rest. A motor that is too fast for the sampling period in the same sense gives its
-    place to a deflection in static balance. While the model still vibrates too fast, so does the joint that
-    moves most in its fastest vibration.
+    All motors that deflections move are coordinates. Static balance leaves out the inertia of l at rest of h:
+    it changes the square of a vibration's frequency f by about (f / f_l)^2 of it, where f_l is that of the
+    slowest vibration of l with h at rest (Guyan). Coordinates that are each fast alone may be slow together:
+    the joints of a delta's arms vibrate at 222 Hz, none of them alone below 1000 Hz. Therefore coordinates
+    are added to l, the fastest alone first, as long as f_l stays above LEAST_BALANCED_SHARE of the sampling
+    rate.
     """
     robot = reference.robot
-    n, d = robot.n, robot.n + robot.n_e
+    n = robot.n
     spread = np.unique(np.linspace(0, len(E[0]) - 1, CHOICE_INSTANTS).astype(int))
     E = E[:, spread]
     changes = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
-    largest = (2 * np.pi * MAX_MODE_SHARE / reference.period) ** 2  # square of a frequency [rad^2/s^2]
     motors, others = _motors_of_springs(robot, changes)
-    fast: set[int] = set()  # deflections in static balance whatever their own frequency
-    while True:
-        equations = _transform(
-            reference, E, changes, CoordinateChoice(motors, others, np.arange(0), np.arange(0))
-        )
-        mass, stiffness = (np.abs(np.einsum("tii->ti", X)) for X in (equations.M, equations.K))
-        squares = (stiffness / np.maximum(mass, np.finfo(float).tiny)).min(axis=0)  # (d,) others at rest
-        first = n + len(motors)  # of the deflections
-        is_balanced = squares > largest
-        is_balanced[:first] = False
-        is_balanced[first:] |= np.isin(others, list(fast))
-        kept, balanced = np.flatnonzero(~is_balanced), np.flatnonzero(is_balanced)
-        out = int(np.argmax(squares[n:first])) + n if len(motors) else d  # index of w to be taken out
-        if out == d or squares[out] <= largest:
-            condensed = _condense(equations, kept, balanced)
-            M = condensed.M
-            _require_mass(robot, M)
-            values, vectors = np.linalg.eig(np.linalg.solve(M, condensed.K))
-            instant, mode = np.unravel_index(np.argmax(values.real), values.shape)
-            if values[instant, mode].real <= largest or len(kept) == n:
-                return CoordinateChoice(motors, others, kept, balanced)
-            energy = np.abs(vectors[instant, :, mode]) ** 2 * np.abs(np.diagonal(M[instant]))
-            out = int(kept[n + np.argmax(energy[n:])])
-        if out >= first:
-            fast.add(int(others[out - first]))
-            continue
-        motors = np.delete(motors, out - n)
-        replaced = _replaced_deflections(robot, changes, motors)
-        remaining = np.setdiff1d(np.arange(robot.n_e), replaced)
-        fast.update(np.setdiff1d(remaining, others).tolist())
-        others = remaining
+    none = np.arange(0)
+    equations = _transform(reference, E, changes, CoordinateChoice(motors, others, none, none))
+    M, K = equations.M, equations.K
+    period = reference.period / (2 * np.pi * LEAST_BALANCED_SHARE)  # [s/rad] 1 / (2 pi f_l), at most
+    alone = np.einsum("tii->ti", M)[:, n:] / np.einsum("tii->ti", K)[:, n:]  # (T, d - n) [s^2/rad^2]
+    balanced: list[int] = []
+    for index in n + np.argsort(np.abs(alone).max(axis=0), kind="stable"):
+        rows = np.array([*balanced, index])
+        block = np.ix_(np.arange(len(M)), rows, rows)
+        squares = np.linalg.eigvals(np.linalg.solve(K[block], M[block]))  # (T, l) 1 / (2 pi f_l)^2
+        if np.abs(squares).max() > period**2:
+            break
+        balanced.append(int(index))
+    b = np.array(sorted(balanced), dtype=np.intp)
+    choice = CoordinateChoice(motors, others, np.setdiff1d(np.arange(M.shape[1]), b), b)
+    _require_mass(robot, _condense(equations, choice.kept, choice.balanced).M)
+    return choice
 
 
 def _require_mass(robot: ParallelRobot, M: Array) -> None:
@@ -327,7 +316,10 @@ def _require_mass(robot: ParallelRobot, M: Array) -> None:
 
 
 def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
-    """Return motors whose joints deflections move independently, and the other deflections."""
+    """Return motors whose joints deflections move independently, and the deflections that stay beside them.
+
+    The others are replaced such that W is as far from singular as possible at the worst of the T instants.
+    """
     from scipy.linalg import qr
 
     if not robot.n_e:
@@ -337,25 +329,14 @@ def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[In
     R, pivots = qr(G[len(G) // 2], mode="r", pivoting=True)
     size = np.abs(np.diagonal(R))
     motors = np.sort(pivots[: np.count_nonzero(size > RANK_LOST * size.max())])
-    return motors, np.setdiff1d(np.arange(robot.n_e), _replaced_deflections(robot, changes, motors))
-
-
-def _replaced_deflections(robot: ParallelRobot, changes: MotionChanges, motors: IntArray) -> IntArray:
-    """Choose the deflections (k,) that k motors replace.
-
-    W shall be as far from singular as possible at the worst of the T instants.
-    """
-    from scipy.linalg import qr
-
-    G = (
-        changes.q[:, robot.n :, robot.actuated[motors]] * robot.column_scale[robot.elastic, None]
-    )  # (T, n_e, k)
-    candidates = {tuple(sorted(qr(g.T, mode="r", pivoting=True)[1][: len(motors)])) for g in G}
+    G = G[:, :, motors]  # (T, n_e, k)
 
     def clearance(rows: tuple[int, ...]) -> float:
         return float(np.linalg.svd(G[:, list(rows)], compute_uv=False).min(initial=np.inf))
 
-    return np.array(max(sorted(candidates), key=clearance), dtype=int)
+    candidates = {tuple(sorted(qr(g.T, mode="r", pivoting=True)[1][: len(motors)])) for g in G}
+    replaced = max(sorted(candidates), key=clearance)
+    return motors, np.setdiff1d(np.arange(robot.n_e), replaced)
 
 
 # ------------------------------------------------------------------ disturbances

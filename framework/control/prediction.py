@@ -4,8 +4,7 @@
 
 The prediction is linear: it knows payload, friction, springs, the known delay, and the steps and noise of
 sensors. It does not know places of joints, unknown delays, limits of torques, and errors so large that the
-dynamics are no longer those about the plan. So it is an estimate, of fast loops sometimes far too small: runs
-decide.
+dynamics are no longer those about the plan. So it is an estimate: runs decide.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import numpy as np
 
 from framework.control.closed_loop import MAX_DEVIATION, torque_range
 from framework.control.controllers import Controller, FeedforwardPD, motor_gains
-from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
+from framework.control.deviation import Feedback, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_variants
 from framework.control.reference import Reference
 from framework.control.regulators import (
@@ -121,7 +120,7 @@ class LinearModels(NamedTuple):
         reference, scale = self.reference, self.reference.robot.platform_scale
         start = prior_deviations(reference, self.within[0], self.spread)
         start[: 2 * self.within[0].m] = 0.0  # robots start on the plan
-        deviation = closed_loop_deviation(plants[0], feedback, start, robots=plants)
+        deviation = closed_loop_deviation(feedback, plants, start)
         platform = (deviation.z[:, :, : len(scale)] / scale).max(axis=(1, 2))  # (R,)
         platform = np.where(platform < MAX_DEVIATION, platform, np.inf)
         count = len(self.within)
@@ -152,16 +151,8 @@ class LinearModels(NamedTuple):
             return None
         if controller.sensors is None and not sensors_of(robot, loop).state:
             return None
-        # disturbances that the controller does not know have no gains
-        m, names = models[0].m, models[0].names
-        known = [*range(2 * m), *(2 * m + names.index(name) for name in controller.model.names)]
-        size = 2 * m + len(names)
-        gain = np.zeros((*controller.gain.shape[:2], size))
-        gain[:, :, known] = controller.gain
-        observer_gain = np.zeros((len(gain), size, controller.observer.gain.shape[2]))
-        observer_gain[:, known] = controller.observer.gain
         plants = [plant_with_readings(model, controller.sensors, robot.n) for model in models]
-        return Feedback(gain, controller.delay, Observer(observer_gain, controller.observer.noise)), plants
+        return controller.feedback, plants
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
         """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to do well at all ends.

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.control.controllers import Measurement, estimate_state
-from framework.control.deviation import Observer, Plant
+from framework.control.deviation import Feedback, Observer, Plant
 from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.sensors import (
@@ -99,15 +99,19 @@ class Regulator:
 
     reference: Reference
     model: LinearModel
-    plant: Plant  # the model in discrete time with its readings
     gain: Array  # (K, n_a, N)
     delay: int  # [periods] known, from measurement to torque
     observer: Observer
     sensors: LoopSensors | None  # that are read; None: h and h', which are measured
 
+    @property
+    def feedback(self) -> Feedback:
+        """The torques by z, observed."""
+        return Feedback(self.gain, self.delay, self.observer)
+
     def start(self, runs: int) -> RegulatorRun:
         """Return the controller of R runs at the start of the plan."""
-        return RegulatorRun(self, np.zeros((runs, self.plant.F.shape[2])), [])
+        return RegulatorRun(self, np.zeros((runs, self.gain.shape[2])), [])
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N] of runs that have followed the plan up to instant k."""
@@ -133,7 +137,7 @@ class RegulatorRun:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         own = self.regulator
-        F, G, C, D = own.plant
+        F, G, C, D = own.observer.plant
         planned = own.reference.period_torque
         readings = measured_state(own, k, measurement) if own.sensors is None else measurement.readings
         if readings is None:
@@ -160,8 +164,7 @@ class RegulatorRun:
 
     def _deviation(self, k: int) -> Array:
         """Return the torque (R, n_a) that acts in the period after instant k, less the planned one."""
-        own = self.regulator
-        return self.sent[max(k - own.delay, 0)] - own.reference.period_torque[k]
+        return self.sent[max(k - self.regulator.delay, 0)] - self.reference.period_torque[k]
 
 
 def measured_state(regulator: Regulator, k: int, measurement: Measurement) -> Array:
@@ -194,9 +197,9 @@ def tune_lqr(
         )
     model = linearise_plan(reference)
     plant = plant_with_readings(model, None, robot.n)
-    exact = Observer(np.ascontiguousarray(plant.C.swapaxes(1, 2)), np.zeros(2 * model.m))
+    exact = Observer(plant, np.ascontiguousarray(plant.C.swapaxes(1, 2)), np.zeros(2 * model.m))
     gain = regulator_gains(reference, model, weights)
-    return Regulator(reference, model, plant, gain, loop.delayed_periods(reference.period), exact, None)
+    return Regulator(reference, model, gain, loop.delayed_periods(reference.period), exact, None)
 
 
 def tune_lqg(
@@ -225,7 +228,7 @@ def tune_lqg(
     start = prior_deviations(reference, model, spread)
     start[2 * model.m :] *= [name.split()[0] in estimated for name in model.names]
     observer = tune_filter(reference, model, plant, sensors, spread, weights, start)
-    return Regulator(reference, model, plant, gain, loop.delayed_periods(reference.period), observer, sensors)
+    return Regulator(reference, model, gain, loop.delayed_periods(reference.period), observer, sensors)
 
 
 def disturbances_of(spread: Spread) -> tuple[str, ...]:
@@ -326,7 +329,7 @@ def tune_filter(
         P = rest @ P @ rest.T + gain[k] * R @ gain[k].T  # Joseph's form stays positive
         P = F[k] @ P @ F[k].T
         P[states, states] += noise[k] ** 2
-    return Observer(gain, deviation)
+    return Observer(plant, gain, deviation)
 
 
 def plant_with_readings(model: LinearModel, sensors: LoopSensors | None, n: int) -> Plant:

@@ -37,7 +37,7 @@ def controller_table(regulator: Controller, sensors: tuple[str, ...]) -> tuple[s
     if not isinstance(regulator, Regulator) or regulator.sensors is None:
         raise InvalidInput("export: needs the controller lqg, whose filter reads sensors")
     reference: Reference = regulator.reference
-    robot, model, plant, sensing = reference.robot, regulator.model, regulator.plant, regulator.sensors
+    robot, model, observer, sensing = reference.robot, regulator.model, regulator.observer, regulator.sensors
     S = sensing.S
     planned = [robot.coordinates.positions(reference.motion.q) @ S.T]
     if sensing.platform:
@@ -49,11 +49,11 @@ def controller_table(regulator: Controller, sensors: tuple[str, ...]) -> tuple[s
         "torque": reference.period_torque,
         "planned_readings": np.concatenate(planned, axis=1),
         "gain": regulator.gain,
-        "F": plant.F,
-        "G": plant.G,
-        "L": regulator.observer.gain,
-        "C": plant.C,
-        "D": plant.D,
+        "F": observer.plant.F,
+        "G": observer.plant.G,
+        "L": observer.gain,
+        "C": observer.plant.C,
+        "D": observer.plant.D,
     }
     columns, first = {}, 0
     for name, array in arrays.items():

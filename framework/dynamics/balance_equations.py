@@ -43,21 +43,14 @@ from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE, WEAK_COLUMN
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 
 
-class SampledMotion(NamedTuple):
-    """A motion with deflections at the T nodes of splines, and its law."""
-
-    clock: Clock
-    prescribed: DeflectedMotion
-    bases: Array  # (3, T, SPLINE_DEGREE + 1) of the splines that are not zero: values and time derivatives
-
-
 class BalanceState(NamedTuple):
-    """An iterate: coefficients of the deflections, scalars of the law, and their balance."""
+    """An iterate: coefficients of the deflections, scalars of the law, and their balance at T nodes."""
 
     splines: DeflectionSplines
     series: Array  # (size, n_e) in units of the springs
     scalars: Array  # (k,)
-    samples: SampledMotion
+    clock: Clock  # the law of these scalars
+    bases: Array  # (3, T, SPLINE_DEGREE + 1) of the splines that are not zero: values and time derivatives
     balance: LoadedBalance
 
     @property
@@ -206,8 +199,7 @@ class BalanceEquations:
         """Compute the balance of given unknowns.
 
         Args:
-            splines: the splines of the deflections.
-            series: (size, n_e) their coefficients, in units of the springs.
+            series: (size, n_e) coefficients of the deflections, in units of the springs.
             scalars: (k,) of the law.
             stiffer: factor of the robot's spring stiffness.
             near: configurations (T, nq) from which the loops are closed; those of the branch by default.
@@ -217,43 +209,34 @@ class BalanceEquations:
         """
         branch = self.branch
         clock = self.family(scalars)
-        samples = self._prescribe(splines, series, clock, clock.motion(splines.nodes.p))
-        guess = branch.guess(samples.prescribed.s) if near is None else near
-        balance = evaluate_balance(
-            branch.robot, samples.prescribed, guess, wrenches=branch.wrenches, stiffer=stiffer
-        )
-        return BalanceState(splines, series, scalars, samples, balance)
+        prescribed, bases = self._prescribe(splines, series, clock.motion(splines.nodes.p))
+        guess = branch.guess(prescribed.s) if near is None else near
+        balance = evaluate_balance(branch.robot, prescribed, guess, wrenches=branch.wrenches, stiffer=stiffer)
+        return BalanceState(splines, series, scalars, clock, bases, balance)
 
     def prescribe_at(self, state: BalanceState, z: float, u: float) -> DeflectedMotion:
         """Return the motion at z and u of the law, with the deflections of a state as functions of xi."""
-        clock = state.samples.clock
-        assert isinstance(clock, OnParameter)
-        motion = clock.motion_at(state.splines.nodes.p, z, u)
-        return self._prescribe(state.splines, state.series, clock, motion).prescribed
+        assert isinstance(state.clock, OnParameter)
+        motion = state.clock.motion_at(state.splines.nodes.p, z, u)
+        return self._prescribe(state.splines, state.series, motion)[0]
 
     def _prescribe(
-        self,
-        splines: DeflectionSplines,
-        series: Array,
-        clock: Clock,
-        motion: tuple[list[Array], Array, Array],
-    ) -> SampledMotion:
-        """Return motion and deflections at the nodes, from `motion` of the law: s, dp/dt and d2p/dt2.
+        self, splines: DeflectionSplines, series: Array, motion: tuple[list[Array], Array, Array]
+    ) -> tuple[DeflectedMotion, Array]:
+        """Return motion and deflections at the nodes, and the bases of a `BalanceState`.
 
         Args:
-            splines: the splines of the deflections.
-            series: (size, n_e) their coefficients, in units of the springs.
-            clock: the law with its parameter p.
+            series: (size, n_e) coefficients of the deflections, in units of the springs.
+            motion: of the law: s, dp/dt and d2p/dt2 (T,).
         """
         s, rate, acceleration = motion
         bases = _time_bases(splines.nodes.bases, rate, acceleration)
         deflections = [splines.combine(basis, series) * self.units for basis in bases]
-        prescribed = DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections)
-        return SampledMotion(clock, prescribed, bases)
+        return DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections), bases
 
     def deflections(self, state: BalanceState) -> KnownDeflections:
         """Return the deflections [rad, m] of a state."""
-        return KnownDeflections(state.samples.clock, state.splines, state.series * self.units)
+        return KnownDeflections(state.clock, state.splines, state.series * self.units)
 
     def linearise(self, state: BalanceState) -> LinearBalance:
         """Return the linear equations for steps from this state and from neighbouring states."""
@@ -280,7 +263,7 @@ class BalanceEquations:
         robot, n_e = self.branch.robot, self.branch.robot.n_e
         by_deflections = to_F @ deflection_slopes(robot, state.balance, self.orders)  # (T, n_e, orders n_e)
         by_order = by_deflections.reshape(-1, n_e, self.orders, n_e)
-        bases = state.samples.bases[: self.orders].transpose(1, 2, 0)  # (T, SPLINE_DEGREE + 1, orders)
+        bases = state.bases[: self.orders].transpose(1, 2, 0)  # (T, SPLINE_DEGREE + 1, orders)
         values = (bases[:, None] @ by_order).reshape(-1, n_e, (SPLINE_DEGREE + 1) * n_e)
         splines = state.splines.nodes.columns
         unknowns = (splines[:, :, None] * n_e + np.arange(n_e)).reshape(len(splines), -1)
@@ -298,7 +281,7 @@ class BalanceEquations:
         def balance_under(clock: Clock) -> Array:
             """Compute F (T n_e,) along the motion under another law, with the deflections of the state."""
             motion = clock.motion(state.splines.nodes.p)
-            prescribed = self._prescribe(state.splines, state.series, clock, motion).prescribed
+            prescribed, _bases = self._prescribe(state.splines, state.series, motion)
             return matvec(to_F, forces_of_neighbour(self.branch.robot, state.balance, prescribed)).ravel()
 
         slopes = np.zeros((state.balance.F.size, len(self.steps)))
@@ -321,8 +304,8 @@ class BalanceEquations:
         """
         # rate or acceleration over that of the quickest spring; below, rest counts less
         negligible_spring = 1e-3
-        splines, prescribed = state.splines, state.samples.prescribed
-        law = state.samples.clock.law
+        splines, prescribed = state.splines, state.balance.prescribed
+        law = state.clock.law
         is_at_rest = (
             isinstance(law, OptimalLaw) and law.smoothness == HIGHEST_SMOOTHNESS and not any(law.moving)
         )
@@ -330,7 +313,7 @@ class BalanceEquations:
             return np.zeros((0, state.series.size + len(self.steps)))
         ends = splines.cells[[0, -1]]
         intervals = splines.intervals[[0, -1]]
-        _, rate, acceleration = state.samples.clock.motion(ends)
+        _, rate, acceleration = state.clock.motion(ends)
         bases = _time_bases(splines.bases(intervals, ends), rate, acceleration)[1:]  # without the values
         rows = np.zeros((2, 2, splines.size))  # order by end
         rows[:, np.arange(2)[:, None], splines.columns(intervals)] = bases

@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.laws.optimal_law import Clock
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
-from framework.numerics.splines import BandedFactor, banded_rows, find_intervals, spline_values
+from framework.numerics.splines import BandedFactor, Splines, banded_rows, find_intervals, spline_values
 
 SPLINE_DEGREE = 13  # high, so that deflections which are smooth need few cells
 NODES_PER_SPLINE = 2  # more equations than unknowns: the least squares choose smooth deflections at Type 2
@@ -43,11 +43,7 @@ class DeflectionSplines(ReadOnlyArrays):
 
     @staticmethod
     def uniform(panels: Array, count: int, *, continuity: int) -> DeflectionSplines:
-        """Divide panels with edges (panels + 1,) into about `count` cells of similar width.
-
-        Args:
-            continuity: highest derivative that does not jump between panels; -1 if functions jump.
-        """
+        """Divide panels with edges (panels + 1,) into about `count` cells of similar width."""
         shares = np.diff(panels) / (panels[-1] - panels[0])
         counts = np.ceil(count * shares).astype(int)
         starts = [
@@ -95,11 +91,10 @@ class DeflectionSplines(ReadOnlyArrays):
 
         The points are those of splines that may jump between panels.
         """
-        knots = self._repeat_edges(SPLINE_DEGREE + 1)
-        inner_knots = np.lib.stride_tricks.sliding_window_view(knots[1:-1], SPLINE_DEGREE)
+        all_centres = Splines(self._repeat_edges(SPLINE_DEGREE + 1), SPLINE_DEGREE).centres
         first_cells = np.searchsorted(self.cells, self.panels)  # of the panels; the number of cells is last
         counts = np.diff(first_cells) + SPLINE_DEGREE  # splines on each panel
-        centres = np.split(inner_knots.mean(axis=1), np.cumsum(counts)[:-1])  # one array for each panel
+        centres = np.split(all_centres, np.cumsum(counts)[:-1])  # one array for each panel
         points = [_subdivide(on_panel) for on_panel in centres]
         # the cell of each point; a point on an edge of its panel stays in a cell of this panel
         cells = [
@@ -150,11 +145,7 @@ class DeflectionSplines(ReadOnlyArrays):
         """Return the coefficients (size, c) of functions that are given on coarser cells.
 
         A new knot t in the interval k replaces c_i by a_i c_i + (1 - a_i) c_(i-1) for k - degree < i <= k,
-        with a_i = (t - t_i) / (t_(i + degree) - t_i) (Boehm).
-
-        Args:
-            other: the splines on the coarser cells.
-            series: coefficients of the functions in `other`.
+        with a_i = (t - t_i) / (t_(i + degree) - t_i) (Boehm). `series` are the coefficients in `other`.
         """
         knots = other.knots
         for knot in np.setdiff1d(self.cells, other.cells):

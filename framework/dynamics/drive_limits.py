@@ -143,12 +143,9 @@ def _has_drives(robot: ParallelRobot) -> bool:
 
 def curve_ratios(dynamics: InverseDynamics, drives: DriveLimits) -> Array:
     """Compute the largest |w + k T| / w_0 (n_a,) of a motion; 0 for motors without a curve."""
-
-    def ratios_at(t: Array) -> Array:
-        """Return (w + k T) / w_0 (T, n_a) at t (T,) [s]."""
-        return drives.curve_ratio(dynamics.torque(t), dynamics.motor_angle(t, 1))
-
-    return peak_sizes(ratios_at, dynamics.torques.edges, dynamics.torques.coefficients.shape[1])
+    return peak_sizes(
+        lambda t: drives.curve_ratio(dynamics.torque(t), dynamics.motor_angle(t, 1)), dynamics.torques.grid
+    )
 
 
 def rms_torques(dynamics: InverseDynamics, cycle_time: float | None = None) -> Array:

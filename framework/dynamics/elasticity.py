@@ -49,10 +49,6 @@ class Checkpoints(NamedTuple):
     motion: Motion
     forces: Array  # (T, nv) r of the open tree
 
-    def select(self, which: slice) -> Checkpoints:
-        """Return the checkpoints `which`."""
-        return Checkpoints(self.times[which], self.motion.select(which), self.forces[which])
-
 
 @dataclass(frozen=True, eq=False)
 class Pass:
@@ -82,14 +78,13 @@ def solve_deflections(
     choose_law: LawChoice,
     geometry: str,
     *,
-    tolerance: float = 1e-10,
-    is_fine: Callable[[Pass], bool] = lambda _: True,
+    tolerance: float,
+    is_fine: Callable[[Pass], bool],
 ) -> Pass:
     """Solve for deflections and forces at the nodes of a grid.
 
     Args:
-        at_rest: the pass with springs at rest, from which the iteration begins.
-        choose_law: function of the deflections that returns the law of a pass.
+        at_rest: the pass from which the iteration begins.
         geometry: "rigid" computes forces at q_e = 0, and corrects the motors for the deflections; "deformed"
             iterates until the deflections settle.
         tolerance: relative change of deflections that counts as settled.
@@ -117,7 +112,6 @@ def _iterate_passes(branch: Branch, choose_law: LawChoice, tolerance: float, cur
     """Repeat passes until the change is settled, is below the truncation error, or contracts no longer.
 
     Args:
-        choose_law: function of the deflections that returns the law of a pass.
         tolerance: relative change of deflections that counts as settled.
         current: the first pass.
     """
@@ -169,7 +163,7 @@ def assess_deflections(branch: Branch, grid: TimeGrid, law: MotionLaw, known: Kn
 
 def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
     """Raise SpringsTooSoft if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`."""
-    size = np.abs(at_rest.caused / spring_scale(robot))
+    size = np.abs(at_rest.caused / robot.column_scale[robot.elastic])  # (T, n_e) [rad, robot lengths]
     if np.all(size <= MAX_DEFLECTION):
         return
     # the largest deflection; NaN counts as infinite
@@ -197,7 +191,7 @@ def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> floa
     """
     # [rad, robot lengths] a change that is rounding, however small the deflections
     deflection_rounding = 1e-18
-    scale = spring_scale(robot)
+    scale = robot.column_scale[robot.elastic]  # (n_e,) robot length if stretched, 1 if turned
     stiffness = robot.stiffness
     if np.abs(residual / scale).max(initial=0.0) <= deflection_rounding:
         return 0.0
@@ -293,6 +287,8 @@ def motion_with_deflections(
     return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s_and_rates[0])
 
 
-def spring_scale(robot: ParallelRobot) -> Array:
-    """Return scales (n_e,): the robot's length for springs that stretch, 1 for springs that turn."""
-    return robot.column_scale[robot.elastic]
+def motion_at_rest(branch: Branch, times: Array, law: MotionLaw) -> Motion:
+    """Compute the motion of all joints at instants (T,) [s] on the branch itself, springs at rest."""
+    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
+    _x, dx, ddx = time_derivatives(branch.path, s_and_rates)
+    return branch.load_motion(motion_at(branch.robot, branch.close(s_and_rates[0]), dx, ddx), s_and_rates[0])

@@ -33,7 +33,7 @@ from framework.kinematics.external_wrenches import AppliedWrench, wrench_slope
 from framework.kinematics.frames import difference, forces_on_joints, forces_on_joints_slope, scratch_of
 from framework.kinematics.line_springs import Lines, lines_at
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion, MotionChanges, freeze_deflections
+from framework.kinematics.motion_rates import Motion, MotionChanges, freeze_deflections, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, mirror_upper
 from framework.numerics.ordered_sums import matvec, solve
@@ -215,7 +215,7 @@ def _balance(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> tup
     right_sides = np.zeros((count + robot.n_a, *r.shape[1:2], len(columns)))
     right_sides[:count] = r.take(columns, axis=2)
     right_sides[count:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    balancing = linearised.factors.solve_transposed(right_sides)  # (k + n_a, T, n + m)
+    balancing = linearised.factors.solve(right_sides, transposed=True)  # (k + n_a, T, n + m)
     of_tree, of_motors = balancing[:count], balancing[count:]
     w = of_tree[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, k)
     M = of_motors[:, :, : robot.n].transpose(1, 2, 0)  # (T, n, n_a)
@@ -240,7 +240,7 @@ def loop_multipliers(
     """
     right_side = r.take(robot.moving, axis=1)
     right_side[:, : robot.n_a] -= joint_torque
-    return linearised.factors.solve_transposed(right_side)
+    return linearised.factors.solve(right_side, transposed=True)
 
 
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
@@ -264,14 +264,11 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
 def internal_projectors(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the projectors (T, n_a, n_a) on motor torques that move nothing, motor side.
 
-    Such torques of redundant motors strain the robot alone: M tau = 0 with the M of `balanced_forces`, times
-    the gear ratios. The QR factorisation M' = Q R gives the projector 1 - Q Q'.
+    Such torques of redundant motors strain the robot alone: they exert no wrench G' tau on the platform, with
+    the motors' speeds G for unit twists. The QR factorisation G = Q R gives the projector 1 - Q Q'.
     """
-    unit_torques = np.zeros((robot.n_a, len(linearised.jacobian), len(robot.moving)))
-    unit_torques[:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    of_motors = linearised.factors.solve_transposed(unit_torques)  # (n_a, T, n + m)
-    M = of_motors[:, :, : robot.n].transpose(1, 0, 2)  # (T, n_a, n), transposed
-    Q = np.linalg.qr(robot.platform_scale * robot.gear_ratio[:, None] * M)[0]
+    G, _rates = motor_speeds(robot, linearised)  # (T, n_a, n)
+    Q = np.linalg.qr(robot.platform_scale * G)[0]
     return np.eye(robot.n_a) - Q @ Q.swapaxes(1, 2)
 
 
@@ -346,10 +343,8 @@ def driven_force_changes(
     The first axis is for steps of positions, of rates and of accelerations, see `force_changes`.
 
     Args:
-        motion: the motion about which forces are linearised.
-        r: its `tree_forces` (T, nv).
+        r: the motion's `tree_forces` (T, nv).
         joint_torque: torques (T, n_a) of the motors, joint side; they determine the loop forces lambda.
-        changes: changes of q, v and a by unit steps of k coordinates.
     """
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)

@@ -105,10 +105,7 @@ def forward_dynamics(
     return replace(instant, torque=torques[entry], a=acceleration[entry])
 
 
-@lru_cache(maxsize=16)
-def _equations_of(robot: ParallelRobot) -> EquationsOfMotion:
-    """Return the equations of motion of a robot."""
-    return EquationsOfMotion.of(robot)
+_equations_of = lru_cache(maxsize=16)(EquationsOfMotion.of)  # by robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,16 +71,35 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
-        """The wrench (6,) of each closure [a, b], BY b's body ON a's at a's origin; NaN if undetermined."""
-        return self._shape_each_like_q(closure_wrenches(self.robot, self._loop_loads))
+        """The wrench (6,) of each closure [a, b], BY b's body ON a's at a's origin; NaN if undetermined.
+
+        It is minus the sum of the closure's unit wrenches times their multipliers.
+        """
+        robot, loops = self.robot, self._loop_loads
+        unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
+        wrenches = {}
+        first_row = 0
+        for closure in robot.description.closures:
+            rows = slice(first_row, first_row + len(closure.axes))
+            first_row = rows.stop
+            wrench = -matvec(unit_wrenches[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])  # (T, 6)
+            free = loops.null_space[:, :, rows] @ unit_wrenches[:, rows]  # (T, k, 6) of null-space vectors
+            wrenches[closure.name] = _mark_indeterminate(robot, wrench, free)
+        return self._shape_each_like_q(wrenches)
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
         """The torque of each coupling ON the first joint [N m, N]; NaN if undetermined.
 
-        The torque on the second joint is minus `ratio` times this torque.
+        The torque on another joint is minus the derivative of q_joint along that joint times this torque.
         """
-        return self._shape_each_like_q(coupling_torques(self.robot, self._loop_loads))
+        robot, loops = self.robot, self._loop_loads
+        rows = np.flatnonzero(robot.rows.coupled)  # the loop equations that are couplings
+        # largest component of a null-space vector at each coupling (T, couplings)
+        freedom = np.abs(loops.null_space[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
+        torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
+        names = [coupling.name for coupling in robot.description.couplings]
+        return self._shape_each_like_q(dict(zip(names, torque.T, strict=True)))
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
@@ -263,8 +282,6 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     alone, and zero otherwise.
 
     Args:
-        linearised: the loop equations at the T configurations.
-        r: forces of the open tree.
         joint_torque: tau_joint (T, n_a).
     """
     rows = robot.rows
@@ -298,52 +315,12 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     return LoopLoads(wrench, position, displacement, multipliers / lengths, null_space / lengths)
 
 
-def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the wrench (T, 6) of each closure, by name; NaN if indeterminate.
-
-    A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
-    closure's unit wrenches times their multipliers.
-
-    Args:
-        loops: unit wrenches and multipliers of all loop equations.
-    """
-    unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
-    wrenches = {}
-    first_row = 0
-    for closure in robot.description.closures:
-        rows = slice(first_row, first_row + len(closure.axes))
-        first_row = rows.stop
-        wrench = -matvec(unit_wrenches[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
-        free = loops.null_space[:, :, rows] @ unit_wrenches[:, rows]  # (T, k, 6) of null-space vectors
-        wrenches[closure.name] = _mark_indeterminate(robot, wrench, free)
-    return wrenches
-
-
-def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the torque (T,) [N m, N] of each coupling on the first joint, by name; NaN if indeterminate.
-
-    The torque on another joint is minus the derivative of q_joint along that joint times this torque.
-
-    Args:
-        loops: unit wrenches and multipliers of all loop equations.
-    """
-    rows = np.flatnonzero(robot.rows.coupled)  # the loop equations that are couplings
-    # largest component of a null-space vector at each coupling (T, couplings)
-    freedom = np.abs(loops.null_space[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
-    torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
-    names = [coupling.name for coupling in robot.description.couplings]
-    return dict(zip(names, torque.T, strict=True))
-
-
 def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> dict[str, Array]:
     """Compute the wrench (T, 6) in each joint, by name; NaN if indeterminate.
 
     It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
     open tree, less the loop wrenches, external wrenches and pulls of springs on all bodies that the joint
     carries.
-
-    Args:
-        loops: unit wrenches and multipliers of all loop equations.
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)  # at the joints' origins

@@ -44,11 +44,10 @@ from framework.dynamics.singularity_crossings import (
     CrossedPoint,
     check_bounded,
     check_crossings,
-    deformed_crossing,
+    deformed_crossings,
     find_crossed_points,
     measure_crossings,
     panel_edges,
-    probe_instants,
 )
 from framework.errors import (
     InvalidInput,
@@ -67,7 +66,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import ExactLaw, MotionLaw, edges_of, is_number
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.numerics.chebyshev import TimeFunction, TimeGrid, tail
 from framework.numerics.time_limit import SearchEnded
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.singularity.rank_deficiency import NearMiss
@@ -129,16 +128,8 @@ def resolve_law(
 ) -> InverseDynamics:
     """Compute the torques of a fixed law.
 
-    Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`).
-
-    Args:
-        searched: the path with its singular points.
-        geometry: "rigid" or "deformed".
-        tolerance: tail of the torques that counts as resolved.
-        friction: "driven" adds the dry friction of driven joints, "none" does not.
-
-    Raises:
-        NoAnswer: as `inverse_dynamics`.
+    Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`). Arguments
+    and errors are those of `resolve`.
     """
     return resolve(
         searched,
@@ -254,7 +245,7 @@ def _resolve_on_grids(
             continue
 
         # series of torques and deflections, with the tail that decides whether the grid is fine enough
-        result, checkpoints = refinement.evaluate(solution)
+        result = refinement.evaluate(solution)
         is_resolved = result.certificate.unresolved <= tolerance
         if not is_resolved and size < SIZES[-1]:
             if refinement.is_hopeless:
@@ -262,7 +253,7 @@ def _resolve_on_grids(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        missing = find_missing_forces(robot, solution, checkpoints)
+        missing = find_missing_forces(robot, solution, _checkpoints(solution, result))
         result = measure_residuals(solution, result, missing)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
@@ -293,8 +284,8 @@ class _Refinement:
     known: KnownDeflections | None  # None: the deflections are solved for
     law: MotionLaw  # for springs at rest
     crossed: list[CrossedPoint]  # of the undeformed robot
-    crossings_at_rest: tuple[SingularityCrossing, ...] = ()  # the same, with t_s . W_p
-    crossings: tuple[SingularityCrossing, ...] = ()  # with the deflections of the last grid
+    has_pole: bool = False  # whether the torques of the undeformed robot have a pole
+    crossings: tuple[SingularityCrossing, ...] = ()  # with t_s . W_p, and the deflections of the last grid
     passes: int = 0  # on all grids together
     certificates: list[Certificate] = field(default_factory=list)  # one for each grid with a result
 
@@ -347,7 +338,7 @@ class _Refinement:
                     self.choose_law,
                     self.geometry,
                     tolerance=min(self.tolerance, TORQUE_TAIL),
-                    is_fine=lambda at_rest: self._is_fine(grid, at_rest),
+                    is_fine=self._is_fine,
                 )
         except (NotAssembled, NotConverged) as failure:
             if self.known is None:  # a pole of the torques is the better explanation
@@ -374,40 +365,30 @@ class _Refinement:
         is_rigid = self.geometry == "rigid"
         others = check_instants(branch.robot, grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
         at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
-        if self.crossed and not self.crossings_at_rest:
+        if self.crossed and not self.crossings:
             assert at_rest.checkpoints is not None
             at_points, along = np.split(at_rest.checkpoints.forces, [len(instants)])
             self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
-            self.crossings_at_rest = self.crossings
+            self.has_pole = any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings)
             if is_rigid:
                 check_bounded(branch.robot, self.crossings, CONDITION_RESIDUAL)
         return at_rest
 
-    def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
-        """Return whether the grid resolves the torques of the undeformed robot, or no grid does.
-
-        Args:
-            at_rest: the pass with springs at rest.
-        """
-        if grid.size >= SIZES[-1]:
+    def _is_fine(self, at_rest: Pass) -> bool:
+        """Return whether a grid resolves the torques of the undeformed robot, or no grid does."""
+        grid = at_rest.grid
+        if grid.size >= SIZES[-1] or self.has_pole:  # which no grid resolves
             return True
-        if any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings_at_rest):
-            return True  # the torques have a pole, which no grid resolves
         robot = self.searched.branch.robot
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
-        return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
+        return _largest_tail(robot, at_rest, torques) <= self.tolerance
 
-    def evaluate(self, solution: Pass) -> tuple[InverseDynamics, Checkpoints]:
+    def evaluate(self, solution: Pass) -> InverseDynamics:
         """Return the result on one grid, and store its certificate and crossings for the next grid.
-
-        The motion at checkpoints is returned, too; for a grid that is too coarse at crossings alone.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
         time.
-
-        Args:
-            solution: motion, forces and deflections on the nodes of the grid.
         """
         branch = self.searched.branch
         grid = solution.grid
@@ -424,7 +405,7 @@ class _Refinement:
         motor_speeds = np.abs(robot.gear_ratio * motion.v[:, robot.actuated])
         certificate = Certificate(
             nodes=len(grid.times),
-            tail=_largest_tail(robot, grid, solution, torques),
+            tail=_largest_tail(robot, solution, torques),
             passes=self.passes,
             change=solution.change,
             end_speed=float(motor_speeds[[0, -1]].max(initial=0.0) / (motor_speeds.max(initial=0.0) or 1.0)),
@@ -447,24 +428,17 @@ class _Refinement:
         )
         self.certificates.append(certificate)
         if self.geometry == "rigid":
-            assert solution.checkpoints is not None
-            return result, solution.checkpoints
-        if self.crossings:  # the deformed robot beside its crossings, as one stack
-            beside = np.concatenate([probe_instants(one.time, result.duration) for one in self.crossings])
-            pairs = _checkpoints(result, beside)
-            self.crossings = tuple(
-                deformed_crossing(result, crossing, pairs.select(slice(2 * k, 2 * k + 2)))
-                for k, crossing in enumerate(self.crossings)
-            )
-        is_last = certificate.unresolved <= self.tolerance or grid.size >= SIZES[-1]
-        result = replace(result, crossings=self.crossings)
-        if is_last:
-            return result, _checkpoints(result, check_instants(robot, grid))
-        return result, Checkpoints(np.empty(0), motion.select(slice(0)), np.empty((0, robot.nv)))
+            return result
+        self.crossings = deformed_crossings(result, self.crossings)
+        return replace(result, crossings=self.crossings)
 
 
-def _checkpoints(result: InverseDynamics, times: Array) -> Checkpoints:
-    """Evaluate the motion and its forces at instants (T,) [s]."""
+def _checkpoints(solution: Pass, result: InverseDynamics) -> Checkpoints:
+    """Return the motion between the nodes of a grid; with rigid geometry that beside the pass at rest."""
+    if result.geometry == "rigid":
+        assert solution.checkpoints is not None
+        return solution.checkpoints
+    times = check_instants(result.robot, solution.grid)
     motion = result.motion(times)
     return Checkpoints(times, motion, tree_forces(result.robot, motion))
 
@@ -475,8 +449,6 @@ def _check_result(
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
-        solution: motion and forces on the nodes of the grid.
-        result: the series through them.
         friction: "driven" or "none".
     """
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
@@ -485,9 +457,7 @@ def _check_result(
     if max_held_torque:
         result = replace(result, certificate=replace(result.certificate, max_held_torque=max_held_torque))
     planned_friction = PlannedFriction.from_speed(
-        motor_friction(robot, friction),
-        lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],
-        result.duration,
+        motor_friction(robot, friction), partial(result.motor_angle, order=1), result.duration
     )
     return result if planned_friction is None else replace(result, friction=planned_friction)
 
@@ -530,14 +500,13 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     """Compute the tail of a function of k components, without components below `rounding` (k,)."""
     size = np.abs(function.coefficients).max(axis=(0, 1))  # (k,) from (panels, nodes, k)
-    return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
+    return tail(function.coefficients[..., size > rounding])
 
 
-def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques: TimeFunction) -> float:
+def _largest_tail(robot: ParallelRobot, solution: Pass, torques: TimeFunction) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections.
 
     Args:
-        solution: the pass or solution with the deflections and the law.
         torques: motor torques (n_a) [N m] as a function of time.
     """
     # Torques may vanish, as at constant speed: their rounding (n_a,) [N m] is relative to the kinetic energy.
@@ -548,7 +517,7 @@ def _largest_tail(robot: ParallelRobot, grid: TimeGrid, solution: Pass, torques:
     if not robot.n_e:
         return torque_tail
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
-    return max(torque_tail, _tail_above_rounding(grid.fit(solution.caused), deflection_rounding))
+    return max(torque_tail, _tail_above_rounding(solution.grid.fit(solution.caused), deflection_rounding))
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

@@ -52,6 +52,11 @@ class DeflectedMotion(NamedTuple):
     dl: Array
     ddl: Array
 
+    @property
+    def rates(self) -> tuple[Array, Array, Array, Array]:
+        """Rates and accelerations of the platform (T, n), then of the deflections (T, n_e)."""
+        return self.dx, self.ddx, self.dl, self.ddl
+
 
 class LoadedBalance(NamedTuple):
     """The residual F of the balance along a prescribed motion."""
@@ -106,10 +111,8 @@ def evaluate_balance(
     """Compute the residual F (T, n_e) of the balance under external wrenches.
 
     Args:
-        prescribed: platform coordinates and deflections, with their rates and accelerations.
         near: configurations (T, nq) near the result. With the prescribed deflections they are the first guess
             for closing the loops.
-        wrenches: external wrenches along the path.
         stiffer: factor by which the springs are stiffer than those of the robot. A solution with stiff
             springs is easy to find, and leads to the solution of the robot by continuation.
 
@@ -152,7 +155,6 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     """Compute derivatives (T, f, orders n_e) of r + K l - J' lambda by deflections, in spring units.
 
     Args:
-        balance: the balance at which derivatives are taken.
         orders: 1 for deflections alone; 3 for deflections, their rates and their accelerations.
     """
     columns, units = locked_columns(robot)
@@ -187,11 +189,6 @@ def forces_of_neighbour(robot: ParallelRobot, balance: LoadedBalance, prescribed
     return (load - loop_forces)[:, columns] * units
 
 
-def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
-    """Compute the load (T, nv) at the configurations of a balance, with the rates of another motion."""
-    return motion_and_load(robot, prescribed, balance.closed, balance.wrenches, balance.stiffer)[1]
-
-
 def motion_and_load(
     robot: ParallelRobot,
     prescribed: DeflectedMotion,
@@ -204,11 +201,9 @@ def motion_and_load(
     Args:
         prescribed: rates of platform and deflections, and the deflections l.
         closed: configurations with these deflections.
-        wrenches: external wrenches along the path.
         stiffer: factor of the robot's spring stiffness.
     """
-    rates = (prescribed.dl, prescribed.ddl) if robot.elastic_inertia else ()
-    motion = motion_at(robot, closed, prescribed.dx, prescribed.ddx, *rates)
+    motion = motion_at(robot, closed, *prescribed.rates[: 4 if robot.elastic_inertia else 2])
     motion = motion.with_wrenches(wrenches.evaluate(robot, closed.linearised.frames, prescribed.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * prescribed.l

@@ -102,10 +102,7 @@ def measure_softening(branch: Branch, motion: DeflectedMotion) -> Softening:
     The measure is det [eps H | C'] with the stiffness H of springs and loads (see `loaded_tangent`) and the
     constraints C of loops and locked motors. At eps = 1 the springs are those of the robot. To first order,
     deflections are eps K^-1 w, where w are the spring forces of the undeformed robot; eps H is then K plus
-    eps times the stiffness of its loads.
-
-    Args:
-        motion: platform motion, with zero deflections.
+    eps times the stiffness of its loads. The deflections of `motion` are zero.
 
     Raises:
         NotAssembled: the path leaves the workspace.

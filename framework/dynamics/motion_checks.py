@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elasticity import Checkpoints, Pass, spring_scale
+from framework.dynamics.elasticity import Checkpoints, Pass, motion_at_rest
 from framework.dynamics.forces import joint_forces, loop_multipliers
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
@@ -40,11 +40,10 @@ from framework.kinematics.linearised_loops import (
     type2_matrix,
 )
 from framework.kinematics.loop_structure import rounded_gap
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, link_of
-from framework.laws.law import law_derivatives
-from framework.laws.path import PointPath, time_derivatives
+from framework.laws.path import PointPath
 from framework.model.description import AXES, Closure
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid
@@ -66,10 +65,6 @@ def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingF
     """Return the result with the largest loop gap and residual torque, on and between nodes.
 
     The largest gap compares the numbers of all loop equations, in m or rad.
-
-    Args:
-        solution: motion and forces on the nodes of the grid.
-        result: the series through them.
 
     Raises:
         NotAssembled: rounded loop equations open farther than rounding explains.
@@ -208,11 +203,7 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
 
 
 def find_missing_forces(robot: ParallelRobot, solution: Pass, checkpoints: Checkpoints) -> MissingForces:
-    """Compute the forces missing for balance at checkpoints.
-
-    Args:
-        solution: motion and forces on the nodes of the grid.
-        checkpoints: the motion at other instants.
+    """Compute the forces missing for balance at checkpoints, beside the nodes of a solution.
 
     Raises:
         NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
@@ -231,18 +222,13 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Mo
     robot = branch.robot
     if not (robot.n_e and result.geometry == "rigid"):
         return result.motion(times)
-    s_and_rates = law_derivatives(result.law, times)  # s and two time derivatives, (T,) each
-    _x, dx, ddx = time_derivatives(branch.path, s_and_rates)
-    return branch.load_motion(motion_at(robot, branch.close(s_and_rates[0]), dx, ddx), s_and_rates[0])
+    return motion_at_rest(branch, times, result.law)
 
 
 def _check_dropped_rows(robot: ParallelRobot, solution: Pass) -> None:
     """Raise NotAssembled if a loop equation that was dropped as redundant does not hold on some node.
 
     At the reference such an equation follows from the others. It may not do so elsewhere.
-
-    Args:
-        solution: motion on the nodes of the grid.
     """
     dropped = robot.structure.dropped
     if not len(dropped):
@@ -289,12 +275,7 @@ def residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array
 
 
 def unseen_near_miss(searched: SearchedPath, solution: Pass, result: InverseDynamics) -> NearMiss | None:
-    """Find the first near miss at which the torques differ from their series, if any.
-
-    Args:
-        solution: motion and forces on the nodes of the grid.
-        result: the series through them.
-    """
+    """Find the first near miss at which the torques differ from their series, if any."""
     # at the ends the motion is at rest and the nodes are dense
     misses = [miss for miss in searched.near_misses if miss.s not in (0.0, 1.0)]
     instants = find_instants(solution.law, solution.grid.edges, [miss.s for miss in misses])
@@ -314,8 +295,6 @@ def _is_resolved_near(
     with the series to the tolerance of a resolved torque, plus the relative rounding error of g.
 
     Args:
-        solution: motion and forces on the nodes of the grid.
-        result: the series through them.
         miss: the near miss of the robot with springs at rest.
         instant: time [s] at which that robot passes the near miss.
     """
@@ -340,27 +319,9 @@ def _is_resolved_near(
     return bool(error <= allowed * np.abs(torques).max())
 
 
-def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
-    """Return the place of a near miss, its |g| and a remedy, in words.
-
-    Args:
-        miss: a least |g| on the path that is not zero.
-    """
-    robot = searched.branch.robot
-    x = searched.branch.path(miss.s)
-    return (
-        f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "
-        f"|g| = {abs(miss.g):.2g}: move it across the locus, or farther off"
-    )
-
-
 def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
-    """Return the error for deflections that did not converge, with the largest deflection.
-
-    Args:
-        solution: the solution on the last grid.
-    """
-    size = np.abs(solution.caused / spring_scale(robot))  # (T, n_e) [rad, robot lengths]
+    """Return the error for deflections that did not converge, with the largest deflection."""
+    size = np.abs(solution.caused / robot.column_scale[robot.elastic])  # (T, n_e) [rad, robot lengths]
     instant, k = np.unravel_index(np.argmax(size), size.shape)  # of the largest one
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     return NotConverged(
@@ -392,6 +353,7 @@ def unresolved_error(
     """
     robot = searched.branch.robot
     certificate = result.certificate
+    s = x = None  # path parameter and platform coordinates (n,) of a near miss
     # the near miss to name: the unresolved one, or else that of the narrowest torque peak
     near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
     if certificate.tail > tolerance:
@@ -411,7 +373,12 @@ def unresolved_error(
     if not isinstance(searched.branch.path, PointPath):
         advice = f"is every s at which the pieces of the path join among its `knots`, {advice}"
     if near_miss is not None:
-        advice = describe_near_miss(searched, near_miss)
+        s = near_miss.s
+        x = searched.branch.path(s)
+        advice = (
+            f"at s = {s:.9g}, {robot.place(x)} the path misses a singularity by "
+            f"|g| = {abs(near_miss.g):.2g}: move it across the locus, or farther off"
+        )
     elif len(searched.points) > 1:
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         distance = second.s - first.s
@@ -426,6 +393,6 @@ def unresolved_error(
         clauses=clauses,
         name=robot.name,
         residual=certificate.unresolved,
-        s=None if near_miss is None else near_miss.s,
-        platform=None if near_miss is None else searched.branch.path(near_miss.s),
+        s=s,
+        platform=x,
     ).advising(remedy)

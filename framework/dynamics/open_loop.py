@@ -59,7 +59,6 @@ class ErrorDynamics(NamedTuple):
         The feedback adds the stiffness G' k_p G and the damping G' k_d G on the platform.
 
         Args:
-            control: gains of the motors.
             motor_speed: G (T, n_a, n), the motors' speeds for unit twists of the platform.
         """
         G_transposed = motor_speed.transpose(0, 2, 1)
@@ -77,9 +76,6 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     virtual work along x gives, with the forces r of the open tree and constant loop forces lambda,
 
         E' d(W - G' tau) = T' d(r + torques of the rotors - J' lambda).
-
-    Args:
-        result: the planned motion, with the torques tau that are applied.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).

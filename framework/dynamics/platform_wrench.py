@@ -36,7 +36,6 @@ import numpy as np
 
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.motor_limits import Limit, motor_limits
-from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
@@ -50,15 +49,15 @@ from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 
 class PlatformWrench(NamedTuple):
-    """The required wrench W on the platform and the matrix G of W = G' tau, at T instants."""
+    """The required wrench W = bodies + rotors on the platform's axes [N, N m], and G of W = G' tau."""
 
-    required: Array  # (T, n) W [N, N m] on the platform's axes: inertia and weight of all bodies and rotors
-    motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
+    bodies: Array  # (T, n) W_p = (dq/dv)' r, the part of W due to inertia and weight of all bodies
     rotors: Array  # (T, n) the part of W due to the rotors
+    motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
 
     def force_along(self, twist: Array) -> Array:
         """Compute the component twist . W (T,) of the required wrench along a twist (n,) or (T, n)."""
-        return np.sum(self.required * twist, axis=1)
+        return np.sum((self.bodies + self.rotors) * twist, axis=1)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Compute the largest component (T,) of the motors' wrench along a twist.
@@ -69,7 +68,7 @@ class PlatformWrench(NamedTuple):
             twist: t (n,) or (T, n).
             torque_limit: (n_a,) [N m], motor side.
         """
-        twists = np.broadcast_to(twist, self.required.shape)
+        twists = np.broadcast_to(twist, self.bodies.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
         return np.abs(speeds) @ torque_limit
 
@@ -104,9 +103,11 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
     """
     G, rates = motor_speeds(robot, motion.linearised)
     rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a)
-    rotor_wrench = np.einsum("tan,ta->tn", G, rotor_torque)  # G' tau
-    body_wrench = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion))  # (dq/dv)' r
-    return PlatformWrench(required=body_wrench + rotor_wrench, motor_speed=G, rotors=rotor_wrench)
+    return PlatformWrench(
+        bodies=np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)),  # (dq/dv)' r
+        rotors=np.einsum("tan,ta->tn", G, rotor_torque),  # G' tau
+        motor_speed=G,
+    )
 
 
 class Hold(NamedTuple):
@@ -141,19 +142,11 @@ class WrenchCurves(NamedTuple):
 
     g: Array  # (T,) measure, zero at Type 2
     twist: Array  # (T, n) t_s
-    wrench: Array  # (T, n) W_p = (dq/dv)' r: inertia and weight of all bodies less external wrenches
     power: Array  # (T,) [N, or N m for a pure turn]
 
 
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
-    """Compute g, t_s, W_p and t_s . W_p along a motion in time.
-
-    Args:
-        motion: the motion at T ascending instants, along which t_s is continued.
-    """
-    forces = tree_forces(robot, motion)
-    _G, joint_rates = motor_speeds(robot, motion.linearised)  # (T, nv, n) dq/dv
-    wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
+    """Compute g, t_s and t_s . W_p at T ascending instants, along which t_s is continued."""
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
 
@@ -162,17 +155,8 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     signed_norm = twist_norm(robot, twist[nearest]) or 1.0  # 1 if the platform rests
     platform_twist = motion.linearised.platform[nearest] @ motion.v[nearest]
     signed_norm *= sign_along(twist[nearest], platform_twist)
-    power = np.sum(forces * measure.motion, axis=1) / signed_norm
-    return WrenchCurves(measure.g, twist / signed_norm, wrench, power)
-
-
-def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
-    """Compute g (T,) and t_s . W_p (T,) [N or N m] at ascending instants t (T,).
-
-    At a crossing t_s . W_p is `SingularityCrossing.wrench`.
-    """
-    curves = wrench_curves(result.robot, result.motion(t))
-    return curves.g, curves.power
+    power = np.sum(tree_forces(robot, motion) * measure.motion, axis=1) / signed_norm
+    return WrenchCurves(measure.g, twist / signed_norm, power)
 
 
 def measure_at_rest(searched: SearchedPath, s: Array) -> Array:
@@ -253,10 +237,7 @@ class PlatformLimits(ReadOnlyArrays):
 def platform_limits(
     robot: ParallelRobot, q: ArrayLike, *, torque_limit: Limit = None, speed_limit: Limit = None
 ) -> PlatformLimits:
-    """Compute the admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
-
-    Wrenches are U = G' tau - W_g for all torques tau within the torque limits. Speeds are all v for which G v
-    is within the speed limits.
+    """Compute the admissible wrenches U and speeds v of the platform at an assembled configuration q (nq,).
 
     Args:
         q: as returned by `assemble` or `forward_kinematics`.

@@ -58,7 +58,6 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import (
     ClosedStack,
-    LinearisedLoops,
     assembled_at,
     find_near_type2,
     type2_matrix,
@@ -183,13 +182,6 @@ def prescribed_motion(
     applied = stack_wrenches(robot, wrenches, count)
     motion = apply_wrenches(robot, motion_at(robot, closed, *rates[:2]), applied)
     return PrescribedMotion(closed.x, rates, motion, applied, entry_of(q))
-
-
-def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
-    """Raise SingularPose if one of the platform's poses x (T, n) is singular of Type 2."""
-    singular = find_near_type2(robot, linearised)
-    if len(singular):
-        raise type2_pose(robot, x[singular[0]], "and its derivatives have a pole there")
 
 
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
@@ -434,7 +426,9 @@ def dynamics_derivatives(
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     require_turns_at_rest(robot)
     motion = prescribed.motion
-    require_hold(robot, motion.linearised, prescribed.x)
+    singular = find_near_type2(robot, motion.linearised)
+    if len(singular):
+        raise type2_pose(robot, prescribed.x[singular[0]], "and its derivatives have a pole there")
     rate, acceleration, _ = prescribed.rates
     changes = coordinate_changes(robot, motion, robot.structure.idle, (prescribed.x, rate, acceleration))
     motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x

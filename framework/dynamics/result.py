@@ -167,8 +167,9 @@ class InverseDynamics(ReadOnlyArrays):
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, frames, s_and_rates[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""
-        if order == 1 and not self.robot.has_balls:
-            return self.offsets(np.atleast_1d(t), order)
-        motion = self.motion(t)  # the derivative of a ball's offset is no angular velocity
+        """Compute joint velocities (order 1) or accelerations (order 2), (T, nv).
+
+        They come from `motion`: derivatives of the series of offsets lose digits on short panels.
+        """
+        motion = self.motion(t)
         return motion.v if order == 1 else motion.a

@@ -7,24 +7,22 @@ t_s . W_p = eta . r is the power in this motion of the forces r that the planned
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.elasticity import Checkpoints, Pass
+from framework.dynamics.elasticity import Pass, motion_at_rest
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
 from framework.kinematics.linearised_loops import linearised_at, passive_motion, type2_matrix
 from framework.kinematics.modes import passive_determinants
-from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, edges_of, law_derivatives
-from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array, freeze
 from framework.numerics.chebyshev import TimeGrid, real_roots
 from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
@@ -126,10 +124,7 @@ class CrossedPoint(NamedTuple):
 def find_crossed_points(
     branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
 ) -> list[CrossedPoint]:
-    """Find all instants at which the undeformed robot passes a singular point.
-
-    Args:
-        points: the singular points of the path.
+    """Find all instants at which the undeformed robot passes one of the singular points of the path.
 
     Raises:
         NoLaw: the motion stands still on a singular point, or no law can cross it.
@@ -163,10 +158,7 @@ def find_crossed_points(
 def rigid_crossings(
     branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
 ) -> tuple[SingularityCrossing, ...]:
-    """Find all instants at which the undeformed robot passes a singular point, with t_s . W_p.
-
-    Args:
-        points: the singular points of the path.
+    """Find all instants at which the undeformed robot passes one of the singular points, with t_s . W_p.
 
     Raises:
         NoLaw: as `find_crossed_points`.
@@ -176,10 +168,7 @@ def rigid_crossings(
         return ()
     # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s_and_rates = law_derivatives(law, times)  # s and two time derivatives, (T,) each
-    _x, dx, ddx = time_derivatives(branch.path, s_and_rates)
-    motion = motion_at(branch.robot, branch.close(s_and_rates[0]), dx, ddx)
-    forces = tree_forces(branch.robot, branch.load_motion(motion, s_and_rates[0]))
+    forces = tree_forces(branch.robot, motion_at_rest(branch, times, law))
     return measure_crossings(branch.robot, law, crossed, forces[:-SAMPLES], forces[-SAMPLES:])
 
 
@@ -237,17 +226,29 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
         raise NoLaw(f"at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}", name=robot.name)
 
 
-def probe_instants(t: float, duration: float) -> list[float]:
-    """Return the instant t [s] of a crossing and a second one, for the slope of g.
+def deformed_crossings(
+    result: InverseDynamics, at_rest: tuple[SingularityCrossing, ...]
+) -> tuple[SingularityCrossing, ...]:
+    """Find the crossings of the deformed robot beside those of the undeformed one.
 
-    The second is towards the middle of the motion.
+    The motion is evaluated at each crossing and at a second instant for the slope of g, all as one stack.
     """
-    probe = 1e-6  # their distance, as a share of the duration
-    return [t, t + math.copysign(probe * duration, 0.5 * duration - t)]
+    if not at_rest:
+        return ()
+    probe = 1e-6 * result.duration  # [s] from a crossing to the second instant, towards the middle
+    t = np.array([crossing.time for crossing in at_rest])
+    times = np.column_stack([t, t + np.copysign(probe, 0.5 * result.duration - t)])  # (k, 2)
+    motion = result.motion(times.ravel())
+    forces = tree_forces(result.robot, motion)  # (2 k, nv)
+    pairs = [slice(2 * k, 2 * k + 2) for k in range(len(t))]
+    return tuple(
+        _deformed_crossing(result, crossing, pair_times, motion.select(pair), forces[pair])
+        for crossing, pair_times, pair in zip(at_rest, times, pairs, strict=True)
+    )
 
 
-def deformed_crossing(
-    result: InverseDynamics, at_rest: SingularityCrossing, probes: Checkpoints
+def _deformed_crossing(
+    result: InverseDynamics, at_rest: SingularityCrossing, times: Array, motion: Motion, r: Array
 ) -> SingularityCrossing:
     """Find the crossing of the deformed robot, a root of g in time.
 
@@ -256,10 +257,10 @@ def deformed_crossing(
     instant itself the wrench would be off by this step times its rate, which is large under a quick law.
 
     Args:
-        result: the motion of the deformed robot.
         at_rest: the crossing of the undeformed robot, at which the search begins. Its twist decides the sign
             of t_s.
-        probes: the motion at the `probe_instants` of this crossing.
+        times: (2,) [s] of this crossing, and a little later or earlier.
+        motion, r: the motion of the deformed robot at both instants, and its tree forces (2, nv).
     """
     law_root_rounding = 1e-12  # |g| at the crossing for which a law was made
     robot = result.robot
@@ -268,7 +269,7 @@ def deformed_crossing(
         """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    (t, aside), motion, r = probes
+    t, aside = times.tolist()
     P = type2_matrix(robot, motion.linearised)  # (2, n, n)
     bordered = solve_bordered(P, Border.of(P[0]))
     g, beside = bordered.g.tolist()
@@ -304,12 +305,7 @@ def deformed_crossing(
 
 
 def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
-    """Raise UnboundedTorque if the largest residual of condition (8) is above `allowed`.
-
-    Args:
-        crossings: the crossings of the motion.
-        allowed: largest residual |t_s . W_p| / scale.
-    """
+    """Raise UnboundedTorque if a residual |t_s . W_p| / scale of condition (8) is above `allowed`."""
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
@@ -329,10 +325,6 @@ def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamic
     """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
     An elastic robot in rigid geometry is not checked: the forces are those of the undeformed robot.
-
-    Args:
-        solution: motion on the nodes of the grid, whose loops are closed.
-        result: the result with the known crossings.
     """
     if result.geometry == "rigid" and robot.n_e:
         return

@@ -188,11 +188,7 @@ def direction_in_words(names: Sequence[str], direction: Array) -> str:
 
 
 def locked_motor_frequency(free: CompliantMotions) -> Array:
-    """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
-
-    Args:
-        free: the motions that springs and loops allow, with their stiffness and mass.
-    """
+    """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass."""
     return np.sqrt(np.maximum(least_ratios(free.K, free.M)[0], 0.0)) / (2 * np.pi)
 
 

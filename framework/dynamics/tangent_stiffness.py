@@ -75,9 +75,6 @@ def evaluate_equilibrium(robot: ParallelRobot, q: Array, load: Load) -> Equilibr
     between Z and the step. Slope and stiffness H are divided by the largest entry of H. The Jacobian of F is
     the scaled stiffness along Z and the identity across Z: 1 + Z (H / largest - 1) Z'. H is shifted by
     rounding, so that steps lead downhill where H is singular.
-
-    Args:
-        load: weight and wrench on each configuration, with the share of both that acts.
     """
     columns = robot.unlocked
     lengths = robot.column_scale[columns]

@@ -33,10 +33,10 @@ from framework.numerics.cone_program import (
     solve_cone_program,
 )
 from framework.numerics.sparse_rows import SparseRows
-from framework.numerics.splines import find_intervals, spline_values
+from framework.numerics.splines import Splines
 from framework.tolerances import LIMIT_MARGIN
 
-SPLINE_DEGREE = 3  # of internal torques
+SPLINE_DEGREE = 3  # of the B-splines B_k of internal torques
 MIN_PARTS, MIN_CELLS = 2, 48  # of a panel of the torques; of a motion
 FIRST_ROWS = 0.7  # torques of least norm above this share of a limit have rows of it from the first
 INNER_POINTS = np.array([0.25, 0.5, 0.75])  # of the interval of two nodes, where torques are compared, too
@@ -47,36 +47,10 @@ PEAK_ROUNDING = 1e-5  # share by which a least peak may be exceeded: an error of
 ROW_ROUNDING = 3e-5  # share by which a limit is exceeded at a node that then gets rows
 
 
-class InternalSplines(NamedTuple):
-    """The n = c + 3 cubic B-splines B_k of internal torques on c cells, between edges (c + 1,)."""
-
-    edges: Array
-
-    @property
-    def knots(self) -> Array:
-        """Knots (n + 4,) of the splines."""
-        first, last = np.repeat(self.edges[[0, -1]], SPLINE_DEGREE).reshape(2, -1)
-        return np.concatenate([first, self.edges, last])
-
-    @property
-    def centres(self) -> Array:
-        """Centres (n,) of the splines: the means of their inner knots."""
-        return np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE).mean(axis=1)
-
-    def matrix(self, points: Array) -> SparseRows:
-        """Compute the matrix (T, n) of all splines at points (T,)."""
-        points = np.clip(points, self.edges[0], self.edges[-1])
-        intervals = find_intervals(self.knots, SPLINE_DEGREE, points)
-        values = spline_values(self.knots, SPLINE_DEGREE, intervals, points, 0)
-        columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
-        return SparseRows.place_columns(columns, values, len(self.edges) - 1 + SPLINE_DEGREE)
-
-
 def internal_frames(projectors: Array, r: int, reference: Array | None = None) -> Array:
-    """Compute orthonormal bases (T, n_a, r) of internal torques.
+    """Compute orthonormal bases (T, n_a, r) of the internal torques of r redundant motors.
 
     Args:
-        r: number of redundant motors.
         reference: (n_a,) by which internal torques are divided; 1 by default.
     """
     frames = np.linalg.eigh(projectors)[1][..., -r:]  # of the eigenvalue 1, the largest
@@ -122,9 +96,8 @@ def least_peak_torques(torques: Array, projectors: Array, limit: Array, r: int) 
 
     Args:
         torques: (T, n_a) [N m], of any distribution.
-        projectors: (T, n_a, n_a) on internal torques.
+        projectors: (T, n_a, n_a) on the internal torques of r redundant motors.
         limit: (n_a,) [N m]; infinite for motors that do not count.
-        r: number of redundant motors.
     """
     limited = np.flatnonzero(np.isfinite(limit))
     if not len(limited):
@@ -185,7 +158,7 @@ def distribute_torques(
 def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
     """Compute the largest ratio of torques, with dry friction, to limits (n_a,)."""
     changed = replace(result, torques=torques)
-    peaks = peak_sizes(changed.torque, torques.edges, torques.coefficients.shape[1])
+    peaks = peak_sizes(changed.torque, torques.grid)
     return float((peaks / limit).max())
 
 
@@ -215,8 +188,7 @@ class _SharedMotion:
     @staticmethod
     def of(result: InverseDynamics, reference: Array) -> _SharedMotion:
         """Cut a motion's panels in MIN_CELLS or more cells of splines in time."""
-        size = result.torques.coefficients.shape[1]
-        edges = result.torques.edges
+        edges, size = result.torques.edges, result.torques.grid.size
         parts = max(MIN_PARTS, -(-MIN_CELLS // (len(edges) - 1)))
         starts = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(parts) / parts
         grid = TimeGrid(np.append(starts, edges[-1]), min(size, MAX_NODES))
@@ -226,7 +198,7 @@ class _SharedMotion:
         least_norm = torques - (projectors @ torques[..., None])[..., 0]  # (T, n_a)
         friction = np.zeros_like(torques) if result.friction is None else result.friction(times) / reference
 
-        splines = InternalSplines(grid.edges)
+        splines = Splines.on_cells(grid.edges, SPLINE_DEGREE)
         at_centres = _scaled_projectors(result, splines.centres, reference)
         frames = internal_frames(at_centres, result.robot.n_a - result.robot.n)
         rows = internal_rows(projectors, splines.matrix(times), frames)

@@ -24,16 +24,15 @@ from framework.dynamics.balance_equations import BalanceEquations, BalanceState
 from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections, SplineFunction
 from framework.dynamics.forces import force_changes
 from framework.dynamics.loaded_balance import (
-    DeflectedMotion,
     LoadedBalance,
     constraint_rows,
-    load_at_rates,
     locked_columns,
     loop_weights,
+    motion_and_load,
     spring_units,
 )
 from framework.dynamics.restoration import BalanceSolution
-from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at
+from framework.kinematics.motion_rates import coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
@@ -66,14 +65,10 @@ class TorqueResponse(NamedTuple):
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
-    """Linearise torques in the coefficients of an optimal law, about a motion in balance.
-
-    Args:
-        solution: deflections in balance under the law, with the equations that they solve.
-    """
+    """Linearise torques in the coefficients of an optimal law, about a motion in balance."""
     equations = solution.equations
     state = solution.state
-    clock = state.samples.clock
+    clock = state.clock
     assert isinstance(clock, OnParameter)
     terms, terms_by_y = _law_terms(clock.law, state.splines.nodes.p)  # (T, 4), (T, 4, n)
     F_per_term, torque_per_term, speed = _split_by_law_terms(equations, state)
@@ -90,7 +85,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     by_springs = _torque_slopes_by_springs(equations.branch.robot, state.balance)
     by_each_order = [
         slope @ state.splines.combine(basis, series_by_y)
-        for slope, basis in zip(by_springs, state.samples.bases, strict=True)
+        for slope, basis in zip(by_springs, state.bases, strict=True)
     ]
     slopes = torque_per_term @ terms_by_y + np.sum(by_each_order, axis=0)
     # torque, slopes and speed, in the order of the fields
@@ -104,8 +99,6 @@ def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: 
     Cells that were halved for one law would hold its vibrations under the next.
 
     Args:
-        solution: the deflections of a law.
-        response: about this law.
         y: (n,) coefficients of the other law.
     """
     state = solution.state
@@ -114,15 +107,11 @@ def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: 
     if len(splines.cells) > MAX_CELLS_KEPT:
         splines = DeflectionSplines.uniform(splines.panels, RENEWED_CELLS, continuity=splines.continuity)
         series = splines.fit(state.splines.evaluate(series, splines.nodes.p))
-    return KnownDeflections(state.samples.clock, splines, series)
+    return KnownDeflections(state.clock, splines, series)
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
-    """Compute the terms 1, z, u and z^(1/2) (T, 4) of a law at xi (T,), and their derivatives (T, 4, n) by y.
-
-    Args:
-        law: the optimal law, with the coefficients y of z.
-    """
+    """Compute the terms 1, z, u, z^(1/2) (T, 4) of a law at xi (T,), and derivatives (T, 4, n) by y."""
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
     z_by_y = law.basis.matrix(xi).toarray()
     u_by_y = half_rate * law.basis.matrix(xi, 1).toarray()
@@ -139,10 +128,6 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tup
 
     Four pairs determine the four coefficients of 1, z, u and z^(1/2), at the deflections of the state.
 
-    Args:
-        equations: the equations of balance.
-        state: the state whose configurations and deflections are kept.
-
     Returns:
         The coefficients (T, n_e, 4) of F and (T, n_a, 4) of torques [N m], motor side; motor speeds (T, n_a)
         [rad] over d sigma/dt, motor side.
@@ -153,28 +138,15 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tup
     motions = []
     for z_and_u in ((0.0, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 1.0)):
         prescribed = equations.prescribe_at(state, *z_and_u)
-        loads.append(load_at_rates(robot, balance, prescribed))
-        motions.append(_motion_with_spring_rates(robot, balance, prescribed))
+        _, load_at = motion_and_load(robot, prescribed, balance.closed, balance.wrenches, balance.stiffer)
+        loads.append(load_at)
+        motions.append(motion_at(robot, balance.closed, *prescribed.rates))  # with the rates of springs
     load = _split_terms(loads)  # (T, nv, 4)
     acceleration = _split_terms([motion.a[:, robot.actuated] for motion in motions])
     speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1, where d sigma/dt = 1
     columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
     return F, _balance_motors(robot, balance, load, acceleration), speed
-
-
-def _motion_with_spring_rates(
-    robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion
-) -> Motion:
-    """Compute the motion at a balance's configurations, with the rates of the springs.
-
-    The motion of a `LoadedBalance` has no such rates if springs carry no inertia.
-
-    Args:
-        prescribed: gives rates and accelerations of platform and springs.
-    """
-    rates = (prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
-    return motion_at(robot, balance.closed, *rates)
 
 
 def _split_terms(values: list[Array]) -> Array:
@@ -201,7 +173,8 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> l
         balance: the balance about which torques are linearised. Its multipliers belong to loop equations of
             unit size (`loop_weights`), and its springs are `stiffer` than the robot's by this factor.
     """
-    motion = _motion_with_spring_rates(robot, balance, balance.prescribed)
+    # with the rates of the springs, which the motion of the balance lacks if these carry no inertia
+    motion = motion_at(robot, balance.closed, *balance.prescribed.rates)
     changes = coordinate_changes(robot, motion, robot.elastic)
     load_changes = changes  # of the motion that causes the load
     if not robot.elastic_inertia:  # rates of deflections cause no forces, but they move the rotors
@@ -227,7 +200,6 @@ def _balance_motors(
     forces in the least squares. Motors balance the rest, and accelerate their rotors.
 
     Args:
-        balance: the balance whose configurations are used.
         forces: (T, nv, k) of the open tree.
         accelerations: (T, n_a, k) of the actuated joints.
     """

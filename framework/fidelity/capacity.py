@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import count
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -107,21 +108,19 @@ def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Reques
 def largest_load_of(
     robot: ParallelRobot, request: Request, *, progress: Callable[[int], None] = lambda planned: None
 ) -> Capacity:
-    """Find the largest multiple of the wrenches of a request.
+    """Find the largest multiple of the wrenches of a request, as `largest_load`.
 
     Args:
         progress: called before each plan with its number, 1, 2, ...
-
-    Raises:
-        InvalidInput: there are no wrenches, or no limits of torque or speed.
-        NoAnswer: there is no plan even without the wrenches.
     """
     if not request.external_wrenches.is_nonzero:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):
         raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")
-    task = _Multiples(robot, request, search_path(robot, request.path), progress)
+    numbers = count(1)
+    searched = search_path(robot, request.path)
+    task = _Multiples(robot, request, searched, lambda: progress(next(numbers)))
     unloaded = task.plan_multiple(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
@@ -129,20 +128,17 @@ def largest_load_of(
     return _bound_capacity(task, bracket)
 
 
-@dataclass
-class _Multiples:
+class _Multiples(NamedTuple):
     """A request under multiples of its wrenches."""
 
     robot: ParallelRobot
     request: Request
     searched: SearchedPath  # the path of the request, without wrenches
-    progress: Callable[[int], None]  # called before each plan with its number
-    count: int = 0  # plans so far
+    report_plan: Callable[[], None]  # called before each plan
 
     def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
         """Plan under a multiple of the wrenches; return the plan, or the refusal."""
-        self.count += 1
-        self.progress(self.count)
+        self.report_plan()
         try:
             return plan_request(self.robot, self._request(multiple), searched=self.searched)
         except NoAnswer as refusal:
@@ -180,10 +176,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     From 1 on, or from where a bound meets the limits, the multiple is doubled while it has plans. Then the
     bracket from the largest multiple with a plan, `multiple`, to the least one without, `end`, is narrowed by
     secants of the least peaks of refused multiples. Where they do not serve, it is bisected at geometric
-    means, or halved while no multiple has a plan.
-
-    Args:
-        capacity: that of the multiple 0, with its plan.
+    means, or halved while no multiple has a plan. `capacity` is that of the multiple 0, with its plan.
     """
     multiple = 1.0
     peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown

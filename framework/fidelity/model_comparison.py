@@ -6,7 +6,6 @@ controller, which drives the motor back to its planned angle.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -82,7 +81,7 @@ class Comparison(ReadOnlyArrays):
         return robot.elastic_names[k], float(largest[k])
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class ReferenceMotion:
     """The motion of a study, and the highest model, in which the torques of all levels are simulated."""
 
@@ -94,18 +93,10 @@ class ReferenceMotion:
     peak: Array  # (n_a,) [N m, N] for each motor the largest planned torque of motors of the same unit
     fall: float  # time constants in the motion with which errors grow where the robot falls by itself
     control: MotorControl | None  # feedback of the motors, if the robot falls
-    step_error: float = 0.0  # of integration steps [robot lengths]; set by the first simulation
-    seconds: float = 0.0  # computing time of all simulations so far
 
     @classmethod
     def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
-        """Choose the instants of a comparison, dense at crossings, and tune controllers if the robot falls.
-
-        Args:
-            plan: of the motion.
-            highest: the highest model of the robot.
-            tolerance: allowed error, as a share of the path's length and of the peak torque.
-        """
+        """Choose the instants of a comparison, dense at crossings; tune controllers if the robot falls."""
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         instants_beside = [crossing.time + offsets for crossing in plan.crossings]
@@ -131,10 +122,7 @@ class ReferenceMotion:
         """Yield the comparison of each level with the plan of the motion.
 
         A level whose torques equal those of the level below, or of the plan, takes the errors from there and
-        is not simulated again.
-
-        Args:
-            motions: names and motions of the levels, the lowest first.
+        is not simulated again. The lowest level comes first.
 
         Raises:
             InvalidInput: the robot cannot be simulated.
@@ -142,9 +130,9 @@ class ReferenceMotion:
         # the step error of all simulations is the first with which the plan's own torques keep the platform
         # on its path; else the last one
         allowed = self.tolerance * self.length / self.highest.length  # platform error [robot lengths]
-        for step_error in STEP_ERRORS:
-            self.step_error = max(step_error * allowed, CLOSED_LOOP)  # loops are closed no better
-            reference = self._simulate(LEVELS[-1], self.plan.dynamics)
+        for share in STEP_ERRORS:
+            step_error = max(share * allowed, CLOSED_LOOP)  # [robot lengths]; loops are closed no better
+            reference = self._simulate(LEVELS[-1], self.plan.dynamics, step_error)
             if reference.platform <= OWN_ERROR * self.tolerance:
                 break
         previous = None  # the comparison of the level below
@@ -161,7 +149,7 @@ class ReferenceMotion:
             elif self._is_equal(motion, self.plan.dynamics):
                 comparison = reference
             else:
-                comparison = self._simulate(level, motion)
+                comparison = self._simulate(level, motion, step_error)
             previous = replace(comparison, level=level, motion=motion, seconds=seconds)
             yield previous
 
@@ -175,17 +163,12 @@ class ReferenceMotion:
         difference = torque - reference.torques(self.times)
         return (np.abs(difference) / self.peak).max(axis=1)
 
-    def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Compare a level with the plan by simulating its torques in the highest model.
-
-        Args:
-            motion: with the torques of the level.
-        """
+    def _simulate(self, level: Level, motion: InverseDynamics, step_error: float) -> Comparison:
+        """Compare a level with the plan by simulating its torques in the highest model."""
         platform_error = np.full(len(self.times), np.nan)
         reason = ""
-        started = time.perf_counter()
         try:
-            simulation = self._simulate_motion(motion)
+            simulation = self._simulate_motion(motion, step_error)
             end = simulation.duration
             reached = self.times <= end
             t = self.times[reached]
@@ -195,11 +178,10 @@ class ReferenceMotion:
                 reason = f"{lost}, s = {float(motion.law(end)):.4g}"
         except NoAnswer as failure:
             reason = f"no simulation: {failure.sentence}"
-        self.seconds += time.perf_counter() - started
         torque_error = self._torque_error(motion, self.plan.dynamics)
         return Comparison(level, motion, torque_error, platform_error, reason)
 
-    def _simulate_motion(self, motion: InverseDynamics) -> Simulation:
+    def _simulate_motion(self, motion: InverseDynamics, step_error: float) -> Simulation:
         """Simulate the highest model under the torques of a level's motion, from rest.
 
         The simulation ends when the platform's error reaches `max_error`: the event "lost".
@@ -218,7 +200,7 @@ class ReferenceMotion:
             robot,
             self._make_drive(motion),
             method="stiff",  # takes long steps while fast vibrations are not excited
-            tolerance=self.step_error,
+            tolerance=step_error,
             start=start,
             start_velocity=np.zeros(robot.nv),
             duration=motion.duration,

@@ -38,7 +38,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES, LEVELS, LEVELS_BY_NAME, Level, RobotDescription
 from framework.model.urdf_edits import with_bodies
-from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import ModelOnMotion
 from framework.planning.plan import plan_request
 from framework.planning.request import SMOOTHNESS, Request, largest_by_unit, path_length
@@ -120,14 +119,8 @@ def predict_level(
 def predict_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
     """Compute the indicators of a motion: the estimated error of each level.
 
-    Without a plan of the rigid robot the errors of all levels but the highest are infinite.
-
-    Args:
-        path: path to follow, or the name of a scene.
-        options: options of `plan_crossing` except geometry, since each level has its own.
-
-    Raises:
-        InvalidInput: an option is invalid.
+    Without a plan of the rigid robot the errors of all levels but the highest are infinite. Arguments and
+    errors are those of `predict_level`.
     """
     rigid = LEVELS_BY_NAME["rigid"]
     robot = robot_at_level(description, rigid)
@@ -191,10 +184,7 @@ def compute_level_motions(
 ) -> dict[str, LevelMotion]:
     """Compute the torques of each level, by name, along the motion of a plan.
 
-    The law is corrected to meet the condition (8) of each level.
-
-    Args:
-        own: the level with which the plan was made.
+    The law is corrected to meet the condition (8) of each level. `own` is the level of the plan itself.
     """
     motions = {}
     for level in LEVELS:
@@ -271,9 +261,6 @@ class Indicators(NamedTuple):
         A level's error is the largest of its own and those of the levels above, because in a single level
         errors may cancel by chance. A missing error and NaN count as infinite. The error of the highest level
         is zero.
-
-        Args:
-            errors: estimated errors by name of the level.
         """
         largest = 0.0  # error of the levels above
         error, words = {LEVELS[-1].name: largest}, {LEVELS[-1].name: ""}
@@ -293,20 +280,22 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
     """Compute the indicators from the levels' motions, by name.
 
     All errors are infinite without a motion of the highest or the rigid level, or if the motion meets the
-    boundary of the workspace.
-
-    Args:
-        control: feedback of the motors, if any.
+    boundary of the workspace. `control` is the feedback of the motors, if any.
     """
+    from scipy.interpolate import CubicSpline  # takes as long to import as the rest of this program
+
     highest, rigid = motions[LEVELS[-1].name].dynamics, motions["rigid"].dynamics
     if highest is None or rigid is None:
         return Indicators.of({})
     times = np.linspace(0.0, rigid.duration, STEPS + 1)
     try:
         motor_speed = platform_wrench(rigid.robot, rigid.motion(times)).motor_speed  # G (T, n_a, n)
-        error_matrices = _interpolate_error_dynamics(rigid, times)
+        # (GROWTH_INSTANTS, n, n) three matrices, which change slowly and are expensive; axis 1 is time
+        instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
+        matrices = CubicSpline(instants, error_dynamics(rigid, instants), axis=1)(times)
     except NoAnswer:  # at the boundary of the workspace
         return Indicators.of({})
+    error_matrices = ErrorDynamics(*matrices)
     if control is not None:
         error_matrices = error_matrices.with_control(control, motor_speed)
 
@@ -333,19 +322,6 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
         if motion.dynamics is not None:
             errors[name] = estimate(motion.dynamics)
     return Indicators.of(errors)
-
-
-def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Interpolate the matrices of the platform's error dynamics in a rigid robot's motion at t (T,) [s].
-
-    They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
-    """
-    from scipy.interpolate import CubicSpline  # takes as long to import as the rest of this program
-
-    instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
-    # stacks (GROWTH_INSTANTS, n, n) of the three matrices; axis 1 of their array is time
-    matrices = error_dynamics(rigid, instants)
-    return ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
 
 
 def format_percent(share: float) -> str:

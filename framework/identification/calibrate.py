@@ -108,6 +108,7 @@ class Calibration(ReadOnlyArrays):
     outliers: tuple[int, ...]  # instants with a weight below one half
     outlier_rows: Names  # where they stand in the file
     instants: int
+    left_out: int  # rows of the file without all numbers, or that repeat the one before
     steps: int
     seconds: float
 
@@ -136,7 +137,7 @@ class Calibration(ReadOnlyArrays):
     def to_dict(self) -> Document:
         """Return all numbers, for JSON."""
         parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
-        keys = ("noise", "degrees_of_freedom", "outliers", "outlier_rows", "instants", "steps", "seconds")
+        keys = ("noise", "degrees_of_freedom", "outliers", "outlier_rows", "instants", "left_out")
         document: Document = {
             "robot": self.robot.name,
             **select_fields(self.combinations, "rank", "gap"),
@@ -153,7 +154,7 @@ class Calibration(ReadOnlyArrays):
             "errors_held_out": {
                 name: {"before": before, "after": after} for name, before, after in self.errors_held_out()
             },
-            **select_fields(self, *keys),
+            **select_fields(self, *keys, "steps", "seconds"),
         }
         return plain(document)
 
@@ -237,6 +238,7 @@ def calibrate(
         outliers=tuple(outliers),
         outlier_rows=tuple(map(data.row, outliers)),
         instants=len(data),
+        left_out=data.left_out,
         steps=fit.steps,
         seconds=clock.perf_counter() - started,
     )

@@ -44,6 +44,8 @@ class Conversions:
     signs: Mapping[str, float] = field(default_factory=dict)  # such as {"torque_left": -1}
     swaps: Mapping[str, str] = field(default_factory=dict)  # columns that are exchanged for one another
     zeros: Mapping[str, float] = field(default_factory=dict)  # readings of columns whose value is zero
+    headers: Mapping[str, str] = field(default_factory=dict)  # words of a file in place of columns' names
+    unwrapped: Sequence[str] = ()  # columns of angles that jump by whole turns, which are counted on
 
     def convert(self, data: Recording) -> Recording:
         """Return the recording in SI units, with its columns exchanged and turned.
@@ -67,6 +69,9 @@ class Conversions:
             if abs(sign) != 1.0:
                 raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
             values[:, _columns_of(names, column, "--sign")] *= sign
+        for column in self.unwrapped:
+            angles = _columns_of(names, column, "--unwrap")
+            values[:, angles] = np.unwrap(values[:, angles], axis=0)
         for column, zero in self.zeros.items():
             values[:, _columns_of(names, column, "--zero")] -= zero
         return replace(data, names=tuple(names), values=values)
@@ -78,12 +83,13 @@ class Conversions:
             "--sign": self.signs,
             "--zero": self.zeros,
             "--swap": self.swaps,
+            "--column": self.headers,
         }
         words = []
         for option, pairs in options.items():
             values = {k: v if isinstance(v, str) else f"{v:g}" for k, v in pairs.items()}
             words += [option, *(f"{column}={value}" for column, value in values.items())] if pairs else []
-        return " ".join(words)
+        return " ".join([*words, *(["--unwrap", *self.unwrapped] if self.unwrapped else [])])
 
 
 def load_recording(
@@ -94,9 +100,11 @@ def load_recording(
     Raises:
         InvalidInput: the file cannot be read, time does not advance, or a conversion is unknown.
     """
-    recording = data if isinstance(data, Recording) else read_recording(robot, data)
-    check_recording(recording)
-    return (conversions or Conversions()).convert(recording)
+    conversions = conversions or Conversions()
+    if not isinstance(data, Recording):
+        data = read_recording(robot, data, headers=conversions.headers)
+    check_recording(data)
+    return conversions.convert(data)
 
 
 def _kind_of(column: str) -> str:

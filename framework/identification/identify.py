@@ -20,7 +20,7 @@ from warnings import warn
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotIdentified, check_choice
+from framework.errors import InvalidInput, NotIdentified, check_choice, list_names
 from framework.identification.base_parameters import (
     OF_MOTORS,
     BaseParameters,
@@ -32,7 +32,7 @@ from framework.identification.base_parameters import (
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
-from framework.identification.measured_motion import measured_motion
+from framework.identification.measured_motion import check_signals, measured_motion, smooth
 from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.identification.torque_rows import TorqueRows, torque_rows
@@ -43,7 +43,7 @@ from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.output import Document, plain, select_fields
-from framework.tolerances import BETTER_DEVIATIONS, SIGNIFICANT_DEVIATIONS
+from framework.tolerances import BETTER_DEVIATIONS, SAME_PLACE, SIGNIFICANT_DEVIATIONS
 
 BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
@@ -104,6 +104,7 @@ class Identification(ReadOnlyArrays):
     poses: str  # source of the poses: motors or platform
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors' joints from their angles
     instants: int
+    left_out: int  # rows of the file without all numbers, or that repeat the one before
     period: float  # [s] median of the time steps
     jitter: float  # [s] largest step minus the least
     equations: int  # of the fit
@@ -174,7 +175,12 @@ class Identification(ReadOnlyArrays):
                 f"even the best model leaves {100 * least:.0f} % of a torque: noise, or forces that these "
                 f"models do not contain"
             )
-        return "what these data show beyond it is no larger than their noise"
+        missing = [each.name for each in self.quantities if each.alone and not each.shown]
+        more = f" (another motion would show {list_names(missing, most=3)})" if missing else ""
+        return (
+            f"what these data show beyond it is no larger than their noise{more}: record longer, faster, "
+            f"or the motion of crossing excite"
+        )
 
     @property
     def _description(self) -> RobotDescription:
@@ -218,8 +224,8 @@ class Identification(ReadOnlyArrays):
                 for prediction in self.predictions
             },
             "noise": dict(zip(motors, self.noise, strict=True)),
-            **select_fields(self, "cutoff", "poses", "motor_misfit", "instants", "period", "jitter"),
-            **select_fields(self, "equations", "order", "seconds"),
+            **select_fields(self, "cutoff", "poses", "motor_misfit", "instants", "left_out"),
+            **select_fields(self, "period", "jitter", "equations", "order", "seconds"),
         }
         return plain(document)
 
@@ -278,6 +284,7 @@ def identify(
 
     # equations of the recorded motion, for the fit and for validation
     data = load_recording(robot, data, conversions)
+    check_signals(robot, data)
     _refuse_mistaken_columns(robot, base, data, poses, start)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, start=start, progress=progress)
     rows = torque_rows(robot, measured, base)
@@ -285,9 +292,9 @@ def identify(
         is_test = _blocks(measured.times) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1  # the last of these blocks
         test, rows = rows.restrict(is_test), rows.restrict(~is_test)
     else:
-        other = measured_motion(
-            robot, load_recording(robot, held_out, conversions), cutoff=cutoff, poses=poses, start=start
-        )
+        judge = load_recording(robot, held_out, conversions)
+        check_signals(robot, judge)
+        other = measured_motion(robot, judge, cutoff=cutoff, poses=poses, start=start)
         test = torque_rows(robot, other, base, exact_motion=True)
 
     # the base parameters, then bodies that can exist, and simpler models
@@ -315,6 +322,7 @@ def identify(
         poses=measured.source,
         motor_misfit=measured.motor_misfit,
         instants=len(measured.times),
+        left_out=data.left_out,
         period=float(np.median(np.diff(measured.times))),
         jitter=float(np.ptp(np.diff(measured.times))),
         equations=estimated.equations,
@@ -492,13 +500,23 @@ def _refuse_mistaken_columns(
     lowest = np.append(1.0 / max_factor, np.zeros(3 * robot.n_a))
     highest = np.append(max_factor, base.described.sizes[-3 * robot.n_a :])
 
+    # as many coefficients of splines as these columns need, whatever the change
+    times = data.column("time")
+    kinds = {"motor_angle": robot.actuator_names, "platform": robot.axis_names}
+    signals = [data.columns(kind, names) for kind, names in kinds.items() if data.has(kind, names)]
+    lowest_cutoff = min(smooth(times, samples).cutoff for samples in signals)
+    periods = (1.0 - SAME_PLACE) * lowest_cutoff * np.ptp(times)
+
     def misfit(recording: Recording) -> float:
         """Compute the squared misfit of the torques to this model, over the squared torques."""
         names = np.array(recording.names)[is_motion]
         moving = (*names, recording.values[:, is_motion].tobytes())
         rows = known.get(moving)
         if rows is None or robot.n_a > robot.n:
-            measured = measured_motion(robot, recording, poses=poses, start=start, stride=stride)
+            cutoff = periods / np.ptp(recording.column("time"))
+            measured = measured_motion(
+                robot, recording, cutoff=cutoff, poses=poses, start=start, stride=stride
+            )
             rows = torque_rows(robot, measured, base, exact_motion=True)
             known[moving] = rows
         rows = rows._replace(torque=recording.columns("torque", robot.actuator_names)[::stride])
@@ -509,4 +527,4 @@ def _refuse_mistaken_columns(
         right = ((rows.torque - rows.constant) / sizes)[rows.valid]
         return float(2.0 * lsq_linear(matrix, right, bounds=(lowest, highest)).cost / (right @ right))
 
-    refuse_mistaken_columns(data, ("time", "motor_angle", "torque"), misfit)
+    refuse_mistaken_columns(data, ("time", *list(kinds)[: len(signals)], "torque"), misfit)

@@ -20,7 +20,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type2Singularity, check_choice
+from framework.errors import (
+    InvalidInput,
+    NoAnswer,
+    NotAssembled,
+    Type2Singularity,
+    check_choice,
+    list_names,
+)
 from framework.identification.recording import Recording
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import (
@@ -40,7 +47,7 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.rotations import whole_turns
 from framework.numerics.splines import banded_rows, find_intervals, spline_values
 from framework.proofs.working_modes import working_modes
-from framework.tolerances import MAX_ACCELERATION_SPREAD, MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS
+from framework.tolerances import MAX_ACCELERATION_SPREAD, MAX_MOTOR_MISFIT, MIN_SPEED_DEVIATIONS, SPIKE
 
 MIN_SAMPLES = 64  # of a recording
 
@@ -97,21 +104,20 @@ def measured_motion(
     Args:
         cutoff: highest frequency that smoothing passes [Hz]; by default from cross-validation.
         poses: "motors" computes poses from the motor angles, "platform" from measured platform coordinates,
-            which works at Type 2 singularities too. The default is "motors", then "platform" if that fails.
+            which works at Type 2 singularities too. The default is "motors", then "platform" if that fails
+            or leads elsewhere than measured.
         start: joints' positions near the first row [rad, m], see `_begin_at_first_row`.
         stride: of the samples whose poses are computed; all are smoothed.
         progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: columns are missing, samples too few, the cutoff out of range, or a torque always zero;
-            or the platform contradicts the motors.
+        InvalidInput: columns are missing, the cutoff out of range, or a torque always zero; or the platform
+            contradicts the motors.
         NotAssembled: the loops do not close at some pose.
         Type2Singularity: the motors pass a Type 2 singularity.
     """
     require_square(robot)
     times = data.column("time")
-    if len(data) < MIN_SAMPLES:
-        raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     robot = _begin_at_first_row(robot, data, start or {})
@@ -130,11 +136,15 @@ def measured_motion(
         except NotAssembled:
             if poses is not None or not has_platform:
                 raise
+    if motion is not None and poses is None and has_platform:
+        x = data.columns("platform", robot.axis_names)[::stride]
+        offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (T, n)
+        if np.abs(offset).max() > MAX_MOTOR_MISFIT:
+            motion = None
     if motion is None:
         source = "platform"
-        x = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
-        motion = _motion_of_platform(robot, x.values)
-        smoothed = x
+        smoothed = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
+        motion = _motion_of_platform(robot, smoothed.values)
         misfit = _motor_misfit(robot, data, motion, joints.values[0])
     return MeasuredMotion(
         source=source,
@@ -147,6 +157,44 @@ def measured_motion(
         torque=torque,
         motor_misfit=misfit,
     )
+
+
+def check_signals(robot: ParallelRobot, data: Recording) -> None:
+    """Raise InvalidInput for columns that are missing, too short, begin anew after a turn, or have spikes.
+
+    An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most other
+    samples: no motor starts or stops between two samples. A spike is a sample far from the median of itself
+    and its neighbours, which steps of friction leave alone.
+    """
+    turn = 2.0 * np.pi
+    spread = 0.99  # share of the samples whose distance from the median is noise
+    least_spike = 0.05  # of the column's range, above counts of an encoder
+    data.column("time")
+    if len(data) < MIN_SAMPLES:
+        raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
+    kinds = ("motor_angle", "torque")
+    names = [f"{kind}_{joint}" for kind in kinds for joint in robot.actuator_names]
+    columns = np.hstack([data.columns(kind, robot.actuator_names) for kind in kinds])  # (T, 2 n_a)
+    for name, values in zip(names, columns.T, strict=True):
+        steps = np.abs(np.diff(values))
+        turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
+        others = np.delete(steps, turns)
+        if name.startswith("motor") and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
+            raise InvalidInput(
+                f"{data.source}: {data.row(int(turns[0]) + 1)}: {name} begins anew after a turn; "
+                f"--unwrap {name} counts on"
+            )
+        beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
+        distance = np.abs(values[1:-1] - beside)
+        limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values))
+        spikes = 1 + np.flatnonzero(distance > limit)
+        if len(spikes):
+            rows = list_names([data.row(int(spike)) for spike in spikes], most=8)
+            before, spike, after = values[spikes[0] - 1 : spikes[0] + 2]
+            raise InvalidInput(
+                f"{data.source}: {rows}: a spike, {name} is {spike:.4g} between {before:.4g} and {after:.4g};"
+                f" leave such rows out, time may have gaps"
+            )
 
 
 def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
@@ -445,7 +493,7 @@ def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Ar
         if rest < 0.1 * largest:
             reading = -zero * float(robot.gear_ratio[motor])
             advice = (
-                f"but its zero alone is off: --zero motor_angle_{robot.actuator_names[motor]}={reading:.6g}"
+                f"but its zero alone is off: --zero motor_angle_{robot.actuator_names[motor]}={reading:.9g}"
             )
         raise InvalidInput(
             f"{data.source}: {data.row(int(k))}: motor_angle_{robot.actuator_names[motor]} "

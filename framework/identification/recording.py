@@ -2,19 +2,21 @@
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, distance_NAME
 and touch_AXIS (see `fixtures`), and joint_NAME for joints that have a sensor but no motor, in SI units and
-radians. Other columns are ignored.
+radians. Other columns are ignored. So are rows that lack a number (an empty cell, nan) and rows that repeat
+the one before: loggers write these where a sensor said nothing new.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, short
+from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, list_names, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, not_negative, positive
@@ -35,6 +37,8 @@ class Recording(ReadOnlyArrays):
     names: Names  # of the columns
     values: Array  # (T, columns)
     lines: tuple[int, ...] = ()  # (T,) of the file, counted from 1 with the header; empty without a file
+    others: Names = ()  # columns of the file that are not read
+    left_out: int = 0  # rows of the file that lack a number or repeat the one before
 
     def __len__(self) -> int:
         """Return the number of samples T."""
@@ -64,8 +68,13 @@ class Recording(ReadOnlyArrays):
         """Return the columns `names` (k,) as an array (T, k)."""
         missing = [name for name in names if name not in self.names]
         if missing:
+            others = ""
+            if self.others:
+                listed = list_names(self.others, most=12)
+                others = f", and unread {listed}; --column {missing[0]}=HEADER says which of these it is"
             raise InvalidInput(
                 f"{self.source}: no column {', '.join(missing)}; it has {', '.join(self.names) or 'none'}"
+                f"{others}"
             )
         return self.values[:, [self.names.index(name) for name in names]]
 
@@ -100,8 +109,17 @@ def recording_columns(robot: ParallelRobot) -> Names:
     )
 
 
-def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int = 200_000_000) -> Recording:
+def read_recording(
+    robot: ParallelRobot,
+    file: str | Path,
+    *,
+    headers: Mapping[str, str] = MappingProxyType({}),
+    largest_bytes: int = 200_000_000,
+) -> Recording:
     """Read a recording of a robot from a CSV file, ignoring unknown columns.
+
+    Args:
+        headers: words of the file's first line in place of columns' names, such as {"time": "t [s]"}.
 
     Raises:
         InvalidInput: no such file; a row with too many or too few cells; a cell that is not a finite number;
@@ -111,6 +129,11 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
     text = read_text(file, f"{file}", largest=largest_bytes)
     text_rows = csv_rows(f"{file}", text)
     header = [name.strip() for name in next(text_rows, (1, [""]))[1]]
+    for name, word in headers.items():
+        check_choice("column of --column", name, recording_columns(robot))
+        check_choice("header of --column", word, header)
+    names = {word: name for name, word in headers.items()}
+    header = [names.get(word, word) for word in header]
     # the header must name columns of this robot, each once
     valid = recording_columns(robot)
     if not set(header) & set(valid):
@@ -124,20 +147,31 @@ def read_recording(robot: ParallelRobot, file: str | Path, *, largest_bytes: int
 
     # read the columns of this robot
     columns = [k for k, name in enumerate(header) if name in valid or name.startswith(DISTANCE)]
-    rows = []
-    lines = []
-    for line, cells in text_rows:
-        rows.append(_read_row(f"{file}: line {line}", header, columns, cells))
-        lines.append(line)
-    if len(rows) < 2:
-        raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least 2 are needed")
-    recording = Recording(str(file), tuple(header[k] for k in columns), np.array(rows), tuple(lines))
+    rows = [(line, _read_row(f"{file}: line {line}", header, columns, cells)) for line, cells in text_rows]
+    values = np.array([numbers for _, numbers in rows]).reshape(len(rows), len(columns))  # (T, columns)
+    has_numbers = ~np.isnan(values)
+    empty = [header[k] for k in np.array(columns)[~has_numbers.any(axis=0)]]
+    if rows and empty:
+        raise InvalidInput(f"{file}: column {empty[0]} has no number")
+    used = has_numbers.all(axis=1)
+    if "time" in header:
+        used[1:] &= (values[1:] != values[:-1]).any(axis=1)
+    if np.count_nonzero(used) < 2:
+        raise InvalidInput(f"{file}: {np.count_nonzero(used)} rows of numbers; at least 2 are needed")
+    recording = Recording(
+        source=str(file),
+        names=tuple(header[k] for k in columns),
+        values=values[used],
+        lines=tuple(line for (line, _), is_used in zip(rows, used, strict=True) if is_used),
+        others=tuple(name for k, name in enumerate(header) if k not in columns),
+        left_out=int(np.count_nonzero(~used)),
+    )
     check_recording(recording)
     return recording
 
 
 def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Read the numbers of the row `cells` at indices `columns`; `where` names file and line.
+    """Read the numbers of the row `cells` at indices `columns`, NaN for none; `where` names file and line.
 
     Raises:
         InvalidInput: another number of cells than of names in `header`; a cell that is no number of at most
@@ -148,6 +182,9 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns{hint}")
     numbers = []
     for k in columns:
+        if cells[k].strip().lower() in ("", "nan"):
+            numbers.append(np.nan)
+            continue
         try:
             number = float(cells[k])
         except ValueError:

@@ -38,7 +38,7 @@ from framework.numerics.chebyshev import (
     nodes,
 )
 from framework.numerics.sparse_rows import SparseRows
-from framework.numerics.splines import find_intervals, spline_values
+from framework.numerics.splines import Splines
 from framework.tolerances import SLOWNESS_ROUNDING
 
 if TYPE_CHECKING:
@@ -132,29 +132,22 @@ class SpeedBasis(ReadOnlyArrays):
         return SPLINE_DEGREE if self.is_spline else self.size - 1
 
     @cached_property
-    def knots(self) -> Array:
-        """Knots (size + degree + 1,) of the B-splines."""
-        ends = np.ones(SPLINE_DEGREE)
-        return read_only(np.concatenate([-ends, self.cells, ends]))
+    def splines(self) -> Splines:
+        """The B-splines of xi."""
+        return Splines.on_cells(self.cells, SPLINE_DEGREE)
 
     @cached_property
     def centres(self) -> Array:
-        """Centres (size,) in xi of the B-splines: the means of their inner knots (Greville abscissae)."""
-        inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
-        return read_only(inner_knots.mean(axis=1))
+        """Centres (size,) in xi of the B-splines."""
+        return read_only(self.splines.centres)
 
     def matrix(self, xi: Array, order: int = 0) -> SparseRows:
         """Compute the matrix (T, size) of all functions, or a derivative of an `order`, at xi (T,)."""
         if self.is_spline:
-            xi = np.clip(xi, -1.0, 1.0)
-            intervals = find_intervals(self.knots, SPLINE_DEGREE, xi)
-            values = spline_values(self.knots, SPLINE_DEGREE, intervals, xi, order)
-            # on an interval the SPLINE_DEGREE + 1 splines up to its index are not zero
-            columns = intervals[:, None] + np.arange(-SPLINE_DEGREE, 1)
-        else:
-            values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
-            values = values @ derivative_matrix(self.size, order) if order else values
-            columns = np.broadcast_to(np.arange(self.size), values.shape)
+            return self.splines.matrix(xi, order)
+        values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
+        values = values @ derivative_matrix(self.size, order) if order else values
+        columns = np.broadcast_to(np.arange(self.size), values.shape)
         return SparseRows.place_columns(columns, values, self.size)
 
     def series(self, y: Array) -> Array:

@@ -28,28 +28,21 @@ class DenseFactors:
 
     matrices: Array
 
-    def solve(self, right: Array) -> Array:
-        """Compute solutions (..., T, k) for right-hand sides (..., T, k).
+    def solve(self, right: Array, *, transposed: bool = False) -> Array:
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the matrices, or transposed ones.
 
         Raises:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
         """
+        matrices = self.matrices.transpose(0, 2, 1) if transposed else self.matrices
         if not right.size:
             return np.empty(right.shape)
         if right.ndim == 2:
-            return np.asarray(np.linalg.solve(self.matrices, right[..., None])[..., 0], dtype=float)
+            return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], dtype=float)
         # numpy solves each matrix for all its right-hand sides at once: the columns of (T, k, sides)
-        columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)
-        solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)
+        columns = right.reshape(-1, *matrices.shape[:2]).transpose(1, 2, 0)
+        solution = np.asarray(np.linalg.solve(matrices, columns), dtype=float)
         return solution.transpose(2, 0, 1).reshape(right.shape)  # back to (..., T, k)
-
-    def solve_transposed(self, right: Array) -> Array:
-        """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the transposed matrices.
-
-        Raises:
-            numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
-        """
-        return DenseFactors(self.matrices.transpose(0, 2, 1)).solve(right)
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
@@ -130,43 +123,28 @@ class BandFactors:
     pivots: IntArray  # (T k,)
     first_zero_pivot: int  # its column, counted from 1; 0 if no pivot is zero
 
-    def solve(self, right: Array) -> Array:
-        """Compute solutions (..., T, k) for right-hand sides (..., T, k).
+    def solve(self, right: Array, *, transposed: bool = False) -> Array:
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the matrices, or transposed ones.
 
         Raises:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
-        """
-        band = self.band
-        return self._solve(right, band.row_order, band.column_position, transposed=False)
-
-    def solve_transposed(self, right: Array) -> Array:
-        """Compute solutions (..., T, k) for right-hand sides (..., T, k) of the transposed matrices.
-
-        Raises:
-            numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
-        """
-        band = self.band
-        return self._solve(right, band.column_order, band.row_position, transposed=True)
-
-    def _solve(self, right: Array, order: IntArray, position: IntArray, *, transposed: bool) -> Array:
-        """Solve the banded systems, or the transposed ones, for right-hand sides (..., T, k).
-
-        Args:
-            right: right-hand sides, in the order of the matrices.
-            order: (k,) for each row of the band, the index of its equation.
-            position: (k,) for each unknown, its row in the solution of the band.
         """
         from scipy.linalg.lapack import dgbtrs
 
+        band = self.band
         if self.first_zero_pivot:
-            instant = (self.first_zero_pivot - 1) // self.band.size
+            instant = (self.first_zero_pivot - 1) // band.size
             raise np.linalg.LinAlgError(f"singular matrix at instant {instant}")
         if not right.size:
             return np.empty(right.shape)
+        # (k,) the equation of each row of the band; the row of each unknown in the solution of the band
+        order, position = band.row_order, band.column_position
+        if transposed:
+            order, position = band.column_order, band.row_position
         # all instants in the order of the band, (T k, right-hand sides)
         stacked = right.take(order, axis=-1).reshape(-1, self.lu.shape[1]).T
         solution, _ = dgbtrs(
-            self.lu, self.band.lower, self.band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
+            self.lu, band.lower, band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
         )
         return solution.T.reshape(right.shape).take(position, axis=-1)
 
@@ -187,10 +165,7 @@ def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:
 
     Rows and columns are the 2 k nodes of a graph, in which each entry connects its row with its column. The
     graph's reverse Cuthill-McKee order mixes rows and columns; the caller takes the order of each from it.
-
-    Args:
-        row, column: position of each of the E entries, (E,) each.
-        size: k.
+    Entries are at (row, column), (E,) each, and `size` is k.
 
     Returns:
         The nodes (2 k,) in their order: rows are 0 .. k - 1, columns k .. 2 k - 1.

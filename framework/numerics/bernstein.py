@@ -120,24 +120,17 @@ def bound_mean_size(coefficients: Array, halvings: int) -> Array:
     """Bound the mean absolute values (k, ...) of polynomials (k, degree + 1, ...) from above.
 
     The bound is the mean of the absolute coefficients. Halving the cells, `halvings` times, tightens it.
-    """
-    count, _, *shape = coefficients.shape
-    for _ in range(halvings):
-        coefficients = _halve_cells(coefficients)
-    return np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1)
-
-
-def _halve_cells(coefficients: Array) -> Array:
-    """Return the coefficients (2 k, degree + 1, ...) on the halves of k cells by de Casteljau's algorithm.
-
-    Neighbouring coefficients are averaged until one is left. The first averages of all rounds are the
-    coefficients of the left half. The last averages, in reverse order, are those of the right half.
+    Cells are halved by de Casteljau's algorithm: neighbouring coefficients are averaged until one is left.
+    The first averages of all rounds are the coefficients of the left half, the last ones, in reverse order,
+    those of the right half.
     """
     count, size, *shape = coefficients.shape
-    halves = np.empty((count, 2, size, *shape))
-    averages = coefficients
-    for k in range(size):
-        halves[:, 0, k] = averages[:, 0]
-        halves[:, 1, size - 1 - k] = averages[:, -1]
-        averages = 0.5 * (averages[:, 1:] + averages[:, :-1])
-    return halves.reshape(2 * count, size, *shape)
+    for _ in range(halvings):
+        halves = np.empty((len(coefficients), 2, size, *shape))
+        averages = coefficients
+        for k in range(size):
+            halves[:, 0, k] = averages[:, 0]
+            halves[:, 1, size - 1 - k] = averages[:, -1]
+            averages = 0.5 * (averages[:, 1:] + averages[:, :-1])
+        coefficients = halves.reshape(-1, size, *shape)
+    return np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1)

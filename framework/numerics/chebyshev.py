@@ -98,9 +98,10 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
-    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
-    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
+    The roots are the eigenvalues of the colleague matrix, with rows and columns in reverse order, which
+    reduces rounding errors as in numpy's `chebroots`. They have a closed form for degree 2, the degree of p'
+    of a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted.
+    The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
     double root by its square root.
     """
     sizes = np.abs(series)
@@ -109,7 +110,10 @@ def real_roots(series: Array) -> Array:
     degree = int(above[-1]) if len(above) else 0
     if degree == 0 or _constant_dominates(sizes[: degree + 1]):
         return np.empty(0)
-    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
+    if degree == 2:
+        roots = _quadratic_roots(series)
+    else:
+        roots = np.linalg.eigvals(chebyshev.chebcompanion(series[: degree + 1])[::-1, ::-1])
     real = roots[np.abs(roots.imag) <= np.sqrt(SAME_PLACE)].real
     return np.sort(real[np.abs(real) <= 1 + SAME_PLACE].clip(-1.0, 1.0))
 
@@ -138,28 +142,6 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
     half_difference = np.sqrt(complex(middle**2 - product))
     larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
     return np.array([larger, product / larger if larger else 0.0])
-
-
-def _all_roots(series: Array) -> NDArray[Any]:
-    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
-
-    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
-    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
-    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
-    """
-    degree = len(series) - 1
-    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
-    ratios = series[:degree] / series[degree]
-    matrix = _colleague_matrix(degree).copy()
-    matrix[:, 0] -= (ratios * weights)[::-1]
-    return np.linalg.eigvals(matrix)
-
-
-@lru_cache(maxsize=64)
-def _colleague_matrix(degree: int) -> Array:
-    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
-    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +179,11 @@ class TimeFunction(ReadOnlyArrays):
         """Relative size of the last coefficients: the certificate that the function is resolved."""
         return tail(self.coefficients)
 
+    @property
+    def grid(self) -> TimeGrid:
+        """The nodes at which values determine the coefficients."""
+        return TimeGrid(self.edges, self.coefficients.shape[1])
+
 
 @dataclass(frozen=True, eq=False)
 class TimeGrid(ReadOnlyArrays):
@@ -218,11 +205,6 @@ class TimeGrid(ReadOnlyArrays):
         """Return values (panels * size, k) as (panels, size, k)."""
         return values.reshape(len(self.edges) - 1, self.size, -1)
 
-    @property
-    def resolvable(self) -> int:
-        """Number of coefficients of a panel that values at the nodes resolve: all but the last eighth."""
-        return self.size - max(2, self.size // 8)
-
     def fit_truncated(
         self,
         values: Array,
@@ -236,10 +218,11 @@ class TimeGrid(ReadOnlyArrays):
         size. Two differentiations amplify a coefficient by up to size^4. Without truncation rounding errors
         would grow in an iteration on second derivatives.
         """
+        resolvable = self.size - max(2, self.size // 8)
         series = coefficients(self._stack_panels(values))
-        rounding = noise_factor * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
+        rounding = noise_factor * np.abs(series[:, resolvable:]).max(axis=1, keepdims=True)
         series[np.abs(series) <= rounding] = 0.0
-        series[:, self.resolvable :] = 0.0
+        series[:, resolvable:] = 0.0
         return TimeFunction(self.edges, series)
 
     def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
@@ -312,7 +295,7 @@ def _basis_values(size: int) -> tuple[Array, Array, Array]:
 # ------------------------------------------------------------------ largest values
 
 
-def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
+def peak_sizes(function: Callable[[Array], Array], grid: TimeGrid) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
     The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima
@@ -321,14 +304,13 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 
     Args:
         function: returns values (T, k) at t (T,) [s].
-        edges: ends of the panels (panels + 1,) [s].
-        size: number of coefficients of the function's series on each panel.
+        grid: nodes at which the function's series is resolved.
     """
     node_ratio = 4  # number of samples over number of Chebyshev coefficients, on each panel
     # distances between the three points of the parabolas about a maximum, over the distance between samples
     zoom_steps = (1.0, 1.0 / 16.0, 1.0 / 256.0)
-    start, end = edges[0], edges[-1]
-    t = TimeGrid(edges, node_ratio * size).times  # (T,)
+    start, end = grid.edges[0], grid.edges[-1]
+    t = TimeGrid(grid.edges, node_ratio * grid.size).times  # (T,)
     values = np.abs(function(t))  # (T, k)
     peaks = values.max(axis=0)
 

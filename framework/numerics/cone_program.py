@@ -197,14 +197,10 @@ class LinearMatrix(NamedTuple):
 
 
 def least_norm_semidefinite(matrices: Sequence[LinearMatrix], not_negative: Affine) -> Array | Unsolved:
-    """Compute the y (n,) of least norm at which `matrices` are positive semidefinite.
+    """Compute the y (n,) of least norm at which `matrices` (k, k) are positive semidefinite.
 
     The values of `not_negative` must not be negative at y, either. If the solver finds no such y, its status
     is returned.
-
-    Args:
-        matrices: matrices (k, k) that are affine in y.
-        not_negative: affine function of y.
     """
     import clarabel
     from scipy import sparse
@@ -246,13 +242,9 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
 
 
 def _cone_settings(regularization: float, refinements: int, equilibrated: bool, tolerance: float) -> Any:
-    """Return settings for cone programs.
+    """Return settings for cone programs, of one of ATTEMPTS.
 
-    Args:
-        regularization: of the solver's linear systems.
-        refinements: number of refinements of their solutions.
-        equilibrated: whether rows and columns are equilibrated first.
-        tolerance: of gap and residual; a stalled solution may exceed it by `stalled_ratio`.
+    `tolerance` is that of gap and residual; a stalled solution may exceed it by `stalled_ratio`.
     """
     max_iterations = 200
     # tolerance of a solution that is accepted although the solver stalls, over `tolerance`

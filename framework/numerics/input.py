@@ -31,7 +31,8 @@ def read_text(
     """
     try:
         _check_regular(os.stat(file))  # before it is opened: opening a device may have effects
-        with open(file, "rb", opener=_open_without_waiting) as stream:
+        # without blocking, in case a pipe has replaced the file in the meantime
+        with open(file, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as stream:
             _check_regular(os.fstat(stream.fileno()))
             content = stream.read(largest + 1)
             size = max(len(content), os.fstat(stream.fileno()).st_size)
@@ -50,24 +51,23 @@ def read_text(
 def csv_rows(where: str, text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number in which each row of a CSV text ends, and its cells; skip empty lines.
 
+    Cells are separated by commas or, if the first line has none, by semicolons or tabs. These leave the comma
+    to decimals, which become points.
+
     Raises:
-        InvalidInput: the text is empty or no CSV, such as a quote that does not end, or its cells are
-            separated by semicolons or tabs; `where` names the file.
+        InvalidInput: the text is empty or no CSV, such as a quote that does not end; `where` names the file.
     """
     first = text.lstrip().partition("\n")[0]
     if not first:
         raise InvalidInput(f"{where}: is empty")
-    if "," not in first and (";" in first or "\t" in first):
-        raise InvalidInput(
-            f"{where}: line 1: no commas; save it with commas between cells and decimal points"
-        )
-    reader = csv.reader(io.StringIO(text))
+    separator = next((mark for mark in ",;\t" if mark in first), ",")
+    reader = csv.reader(io.StringIO(text), delimiter=separator)
     line = 0
     try:
         for cells in reader:
             line = reader.line_num
             if cells:
-                yield line, cells
+                yield line, cells if separator == "," else [cell.replace(",", ".") for cell in cells]
     except csv.Error as error:
         raise InvalidInput(f"{where}: line {line + 1}: not a row of CSV: {error}") from None
 
@@ -80,8 +80,3 @@ def _check_regular(status: os.stat_result) -> None:
     """Refuse anything but a regular file."""
     if not stat.S_ISREG(status.st_mode):
         raise _UnreadableFile("not a regular file")
-
-
-def _open_without_waiting(file: str, flags: int) -> int:
-    """Open a file without blocking, in case a pipe has replaced the file in the meantime."""
-    return os.open(file, flags | getattr(os, "O_NONBLOCK", 0))

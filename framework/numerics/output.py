@@ -89,8 +89,6 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
     """Refuse to overwrite folders, and files that do not belong to this program.
 
     Args:
-        folder: where the files are to be.
-        names: of the files.
         document: name of the JSON file that marks the others as files of this program; None overwrites any.
         complaint: beginning of the message.
     """

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.numerics.arrays import Array, IntArray
+from framework.numerics.sparse_rows import SparseRows
 
 
 def find_intervals(knots: Array, degree: int, x: Array) -> IntArray:
@@ -31,7 +32,6 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
 
     Args:
         knots: t, ascending.
-        degree: of the splines.
         intervals: (T,) indices k with t_k <= x <= t_(k+1).
         x: (T,) points.
         order: of the derivative.
@@ -53,6 +53,34 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
         raised[:, 1:] += values * to_same
         values = raised
     return values
+
+
+class Splines(NamedTuple):
+    """B-splines of one degree on ascending knots (count + degree + 1,)."""
+
+    knots: Array
+    degree: int
+
+    @staticmethod
+    def on_cells(edges: Array, degree: int) -> Splines:
+        """Return the c + degree splines on c cells with edges (c + 1,), as smooth as their degree allows."""
+        first, last = np.repeat(edges[[0, -1]], degree).reshape(2, -1)
+        return Splines(np.concatenate([first, edges, last]), degree)
+
+    @property
+    def centres(self) -> Array:
+        """Centres (count,) of the splines: the means of their inner knots (Greville abscissae)."""
+        inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree)
+        return np.asarray(inner_knots.mean(axis=1), dtype=float)
+
+    def matrix(self, x: Array, order: int = 0) -> SparseRows:
+        """Compute the matrix (T, count) of all splines, or a derivative of an order, at x (T,)."""
+        x = x.clip(self.knots[0], self.knots[-1])
+        intervals = find_intervals(self.knots, self.degree, x)
+        values = spline_values(self.knots, self.degree, intervals, x, order)
+        # on an interval the degree + 1 splines up to its index are not zero
+        columns = intervals[:, None] + np.arange(-self.degree, 1)
+        return SparseRows.place_columns(columns, values, len(self.knots) - self.degree - 1)
 
 
 # ------------------------------------------------------------------ least squares with banded rows

@@ -467,6 +467,5 @@ def _cut_function(function: TimeFunction, leave: float) -> TimeFunction:
 
 def _offsets_from(origin: Array, piece: InverseDynamics) -> TimeFunction:
     """Return the tangent offsets of a motion from another origin (nq,)."""
-    offsets = piece.offsets
-    grid = TimeGrid(offsets.edges, offsets.coefficients.shape[1])
+    grid = piece.offsets.grid
     return grid.fit(difference(piece.robot, origin, piece.configuration(grid.times)))

@@ -157,8 +157,7 @@ class ModelOnMotion:
     @property
     def grid(self) -> TimeGrid:
         """The nodes in time on which the torques of the motion were computed."""
-        torques = self.dynamics.torques
-        return TimeGrid(torques.edges, torques.coefficients.shape[1])
+        return self.dynamics.torques.grid
 
     def known_deflections(self) -> Array:
         """Return the deflections (T, n_e) at which the forces of the motion were computed.

@@ -34,7 +34,6 @@ from framework.laws.law import Law
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.time_limit import SearchEnded, limit_time, seconds_ended
 from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
@@ -298,8 +297,7 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
     """
     if not near_misses:
         return None
-    torques = plan.dynamics.torques
-    times = TimeGrid(torques.edges, torques.coefficients.shape[1]).times  # dense where torques peak narrowly
+    times = plan.dynamics.torques.grid.times  # dense where torques peak narrowly
     limits = motor_limits(plan.robot, "torque_limit", None)
     reference = limits if np.isfinite(limits).all() else 1.0
     largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,) of all motors
@@ -431,6 +429,8 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         return {"start_speed": list(evidence.start_speed)}
     if evidence.duration is not None:
         return {"longest" if request.duration is None else "duration": evidence.duration}
+    if evidence.without_times:
+        return {"times": None}
     if evidence.limits is None:
         return None
     remedy = {}

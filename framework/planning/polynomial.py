@@ -442,7 +442,7 @@ def choose_timing(
     best, score = _search_timings(starts[best_first], request, score_laws)
     timing = tuple(map(CrossingTime, *best.tolist()))
     if score <= 0:
-        or_optimal = ", or take law optimal" if request.kind == "polynomial" else ""
+        or_optimal = "" if request.may_be_optimal else ", or take law optimal"  # or it is tried next
         raise NoLaw(
             f"no law that always advances found through s = {', '.join(f'{value:.6g}' for value in s)}, "
             f"tried t = {', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "

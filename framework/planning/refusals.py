@@ -148,6 +148,7 @@ from framework.tolerances import AT_REST, LIMIT_MARGIN, OVERSHOOT
 
 # Ratio of advised limits to the least peak found. Limits nearer to that peak hardly admit a smooth law.
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
+LARGEST_RAISE = 10.0  # of limits that are tried: with stronger motors it would be another robot
 PRINTED_DIGITS = 4  # of advised limits and durations, which are tried as they are printed
 
 
@@ -208,7 +209,7 @@ class LeastLimits(NamedTuple):
     together: whether limits of torque and of speed must both be raised. Both peaks are then of one law, for
         which the larger of the torque ratio and the squared speed ratio is least.
     options: limits (n_a,) a little above these peaks, motor side, with the margin of the request added and
-        with the digits that are printed; several entries are alternatives.
+        with the digits that are printed; several entries are alternatives. None are beyond LARGEST_RAISE.
     """
 
     torque_peak: float | None
@@ -235,10 +236,12 @@ class LeastLimits(NamedTuple):
         """
         limits = {}
         for name, peak in (("torque_limit", torque), ("speed_limit", speed)):
-            if peak is not None:
+            if peak is not None and peak <= LARGEST_RAISE:
                 raised = RAISED_RATIO * peak * getattr(specification, name) / share
                 limits[name] = np.array([round_up(limit, PRINTED_DIGITS) for limit in raised])
-        options = [limits] if together else [{name: limit} for name, limit in limits.items()]
+        options = [{name: limit} for name, limit in limits.items()]
+        if together:
+            options = [limits] if len(limits) == 2 else []
         return LeastLimits(torque, speed, together, options)
 
 
@@ -253,6 +256,7 @@ class SearchEvidence(NamedTuple):
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
     start_speed: the derivatives of s at a slower start from which a law was found within the limits.
+    without_times: whether a plan was found within the limits with its own times of crossings.
     """
 
     cells: int
@@ -261,6 +265,7 @@ class SearchEvidence(NamedTuple):
     limits: dict[str, Array] | None = None
     duration: float | None = None
     start_speed: tuple[float, ...] | None = None
+    without_times: bool = False
 
     @property
     def clauses(self) -> tuple[str, ...]:
@@ -283,6 +288,8 @@ class SearchEvidence(NamedTuple):
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         if self.start_speed is not None:
             parts.append(f"a law was found within the limits from s' = {self.start_speed[0]:g} 1/s")
+        if self.without_times:
+            parts.append("within the limits there is a plan with other times")
         return *parts, f"searched on {self.cells} cells"
 
 

@@ -397,11 +397,8 @@ def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
     They are peaks of Chebyshev series, so that peaks between nodes count. The series have the panels and the
     number of coefficients of the torques.
     """
-    edges = dynamics.torques.edges
-    coefficient_count = dynamics.torques.coefficients.shape[1]
-    torque = peak_sizes(dynamics.torque, edges, coefficient_count)
-    speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, coefficient_count)
-    return torque, speed
+    grid = dynamics.torques.grid
+    return peak_sizes(dynamics.torque, grid), peak_sizes(lambda t: dynamics.motor_angle(t, 1), grid)
 
 
 def share_load(dynamics: InverseDynamics, request: Request, *, optimal: bool) -> InverseDynamics:

@@ -95,6 +95,11 @@ class CrossingPlan:
         return self.law.duration
 
     @property
+    def is_chain(self) -> bool:
+        """Whether it is a chain of plans, the only kind whose s is proportional to time."""
+        return self.law.degree == 1
+
+    @property
     def geometry(self) -> str:
         """The geometry of the forces: "rigid" (undeformed robot) or "deformed"."""
         return self.dynamics.geometry
@@ -208,8 +213,7 @@ class CrossingPlan:
 
     def __repr__(self) -> str:
         """Return robot, law, crossings and tail in one line."""
-        is_chain = self.law.degree == 1  # s is proportional to time in a chain alone
-        law = self.reason if is_chain else f"{self.law.kind} law, degree {self.law.degree}"
+        law = self.reason if self.is_chain else f"{self.law.kind} law, degree {self.law.degree}"
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
         return (
             f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {law} over "

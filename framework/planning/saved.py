@@ -356,7 +356,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with prefix_errors(file, InvalidInput):
-        return read_table("", saved, _PLAN_TABLE, others=("bend", "fidelity"))  # which commands add
+        return read_table("", saved, _PLAN_TABLE, others=("bend", "fidelity", "robust"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:

@@ -148,11 +148,8 @@ def _modes_at_displacements(
 
     The motors stay as in q (nq,). A displacement (R, p) moves the platform's frame from its reference pose
     (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
-    rotation is left free. At each displacement the joints may have several solutions.
-
-    Args:
-        group: the displacements among which the solutions are.
-        solutions: the real displacements, p in robot lengths.
+    rotation is left free. At each displacement the joints may have several solutions. The translations of the
+    `solutions` are in robot lengths.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]  # (3,) of the platform's frame, number 0

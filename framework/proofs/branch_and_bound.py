@@ -53,7 +53,6 @@ def branch_and_bound(
     Pieces are the rows of a stack of arrays.
 
     Args:
-        test: decides pieces, or narrows or cuts them.
         region: the first pieces.
         max_examined: number of pieces tested at most; the last batch may exceed it.
         distance: computes the distances (S,) of pieces. If given, the nearest pieces are tested first, and
@@ -121,8 +120,7 @@ def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArr
     volume; otherwise it is halved across its longest side, or left undecided if it is small.
 
     Args:
-        wide: the S boxes before they were narrowed.
-        boxes: the same boxes, narrowed.
+        wide: the S `boxes` before they were narrowed.
         axis: (S,) coordinate across which a box must be halved, or NO_AXIS.
         is_small: (S,) whether a box is too small to be halved.
     """

@@ -69,7 +69,9 @@ def _other_modes(robot: ParallelRobot) -> list[str]:
         found = assembly_modes(robot, motors).modes
     except FrameworkError:  # such as motors that do not determine the pose
         return []
-    others = [mode.q for mode in found if _moves_apart(robot, mode.q)]
+    offsets = [difference(robot, robot.reference.q, mode.q) / robot.column_scale for mode in found]
+    is_other = [np.abs(offset[robot.joints]).max() > NEARBY_DISTANCE for offset in offsets]
+    others = [mode.q for mode, apart in zip(found, is_other, strict=True) if apart]
     place = f"mode: {robot.place(robot.reference.x)}; the same motor positions close the loops otherwise, too"
     max_listed, max_joints = 4, 8
     if len(robot.joints) > max_joints:
@@ -79,12 +81,6 @@ def _other_modes(robot: ParallelRobot) -> list[str]:
     words = list(islice(filter(None, (_reference_option(robot, q) for q in others)), max_listed))
     more = f"; and {len(others) - len(words)} more" if len(others) > len(words) else ""
     return [f"{place}, with {'; or '.join(words)}{more}"] if words else []
-
-
-def _moves_apart(robot: ParallelRobot, q: Array) -> bool:
-    """Return whether a pose q (nq,) is another one than the reference."""
-    apart = difference(robot, robot.reference.q, q) / robot.column_scale
-    return bool(np.abs(apart[robot.joints]).max() > NEARBY_DISTANCE)
 
 
 def _reference_option(robot: ParallelRobot, q: Array) -> str:

@@ -260,10 +260,7 @@ def _term_vector(
     The first derivatives (S, L, 3) and second derivatives (S, L, L, 3) are along the joints. For a term of
     the kind "direction" the vector is an axis of the second frame, for "turn" the axial vector of the
     antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point" and "square" it is p.
-
-    Args:
-        chain, derivatives: the L joints between the frames of the term, and p along them.
-        frames: at S configurations.
+    The chain has the L joints between the frames of the term, and `derivatives` are those of its p.
     """
     turn_axes, p, u, seconds = derivatives  # u and `seconds` are the derivatives of p
     if term.kind == "direction":
@@ -284,10 +281,7 @@ def _differentiate_term(
     A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
     factor * p . p. The derivatives of a chain are relative to the first frame, so its axis counts as fixed.
     The square has the slopes 2 factor p . u_j and the second derivatives 2 factor (p . d2p + u_i . u_j).
-
-    Args:
-        chain, derivatives: the L joints between the frames of the term, and p along them.
-        frames: at S configurations.
+    Arguments are those of `_term_vector`, at S configurations.
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -330,10 +324,7 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     i, j and k are three of the L joints between the frames of the term. The lever of a joint is the speed of
     the point p for a unit rate of the joint. |d3p| is at most the lever of the outermost of the three joints
     if the two others turn, else 0. A direction moves like a point on which every hinge has the lever 1, and
-    every slide the lever 0.
-
-    Args:
-        chain, derivatives: the L joints between the frames of the term, and p along them at the middles.
+    every slide the lever 0. `derivatives` are those of p at the middles.
     """
     turns = chain.turns
     if term.kind in ("direction", "turn"):

@@ -106,11 +106,8 @@ def loop_term(rows: LoopRows, row: int, number: int) -> Term:
     """Return the term of one loop equation, along the chain between both frames.
 
     The term is the product of an axis of the first frame with an axis of the second frame (direction) or with
-    its origin (point), or the squared distance between the origins (square).
-
-    Args:
-        row: index of the loop equation among `rows`.
-        number: index that the equation gets among all equations of the caller.
+    its origin (point), or the squared distance between the origins (square). Loop equation `row` gets the
+    `number` among all equations of the caller.
     """
     kind = "square" if rows.square[row] else "point"
     if rows.rotation[row]:
@@ -124,32 +121,26 @@ def chain_between(robot: ParallelRobot, ends: Ends, unknowns: IntArray) -> Chain
 
     `unknowns` (k,) are columns of the velocity vector. All other joints count as fixed.
     """
+    first, second = ends
+    supports = robot.model.supports
+    bodies = scratch_of(robot).bodies
+    # joints from the base to each frame; joint 0 is the base. Joints that carry both frames do not move them
+    # relative to each other
+    first_chain = [] if first == BASE else list(supports[int(bodies[first])])
+    second_chain = list(supports[int(bodies[second])])
+    carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
+    carrying_second = [(joint, 1.0) for joint in second_chain if joint and joint not in first_chain]
+
     columns = unknowns.tolist()
     indices = list[int]()
     signs = list[float]()
-    for joint, sign in _joints_between(robot, *ends):
+    for joint, sign in carrying_first + carrying_second:
         column = robot.model.joints[joint].idx_v
         if column in columns:
             indices.append(columns.index(column))
             signs.append(sign)
     chosen = np.array(indices, dtype=np.intp)
     return Chain(ends, chosen, unknowns[chosen], np.array(signs), ~robot.sliding[unknowns[chosen]])
-
-
-def _joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
-    """Return the joints from one frame (or BASE) to another, each with a sign.
-
-    The sign is -1 if the joint carries the first frame, and 1 if it carries the second. Joints that carry
-    both frames are left out, since they do not move the frames relative to each other.
-    """
-    supports = robot.model.supports
-    bodies = scratch_of(robot).bodies
-    # joints from the base to each frame; joint 0 is the base
-    first_chain = [] if first == BASE else list(supports[int(bodies[first])])
-    second_chain = list(supports[int(bodies[second])])
-    carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
-    carrying_second = [(joint, 1.0) for joint in second_chain if joint and joint not in first_chain]
-    return carrying_first + carrying_second
 
 
 def planar_axis(robot: ParallelRobot) -> int | None:

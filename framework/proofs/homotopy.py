@@ -97,7 +97,6 @@ def find_real_solutions(
     Of at most `max_attempts` attempts along different paths, the result is the one with the fewest doubts.
 
     Args:
-        group: the displacements among which the solutions are, with M functions.
         rounding: error of the coefficients, relative to the largest coefficient of each condition.
     """
     max_attempts = 4  # each along other paths, while some are lost
@@ -113,12 +112,12 @@ def find_real_solutions(
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
-    return min(reversed(attempts), key=_count_doubts)  # the last of equal attempts
 
+    def doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
+        """Return a sort key: whether the status is unproved, lost paths, multiple solutions."""
+        return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
 
-def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
-    """Return a sort key: whether the status is unproved, lost paths, multiple solutions."""
-    return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
+    return min(reversed(attempts), key=doubts)  # the last of equal attempts
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
@@ -128,7 +127,6 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
     real or the enclosure contains no real point.
 
     Args:
-        group: the displacements among which the solutions are.
         coefficients: (K, M) of the system.
         slack: (K, M) bounds on the errors of the coefficients.
         seed: of the random numbers that choose the paths.
@@ -173,10 +171,9 @@ def _count_paths(
 
     Args:
         ends: of all paths, arrived or not.
-        z: (S, N) the ends of the paths that arrived.
+        z: (S, N) the ends of the paths that arrived, with their enclosures `proof`.
         is_real: (S,) whether an end is real.
         is_new: (S,) whether an end differs from all earlier ones.
-        proof: the enclosures of the ends z.
     """
     proved = proof.proved
     # (S,) each, of the paths that arrived

@@ -70,22 +70,11 @@ def are_leg_solutions_complete(
     points = candidates[np.abs(residuals).max(axis=1) < LOOP_GAP]
     period = np.where(is_slide, np.inf, 2 * np.pi)
     known = KnownSolutions(points, unique_radii(equations, points), period)
-    return has_only_known_solutions(equations.enclose, _joint_region(equations, slide_reach), known)
-
-
-def _joint_region(equations: DerivativeBounds, slide_reach: float) -> Boxes:
-    """Return one box of all hinge angles, and of slides within `slide_reach` [robot lengths] of zero.
-
-    Its coordinates are the offsets (k,) of the unknowns of the `equations` [rad, robot lengths].
-    """
-    robot = equations.robot
-    own = equations.unknowns
-    # (k,) offsets at which slides are zero
-    slide_zeros = -difference(robot, robot.neutral, equations.origin)[own] / robot.length
-    middle = np.where(robot.sliding[own], slide_zeros, 0.0)
-    # half a turn, rounded up so that the ends of the region overlap
-    radii = np.where(robot.sliding[own], slide_reach, ROUND_UP * np.pi)
-    return Boxes(middle[None], radii[None])
+    # one box of all hinge angles, and of slides about zero; half a turn is rounded up: the ends overlap
+    slide_zeros = -difference(robot, robot.neutral, q)[own] / robot.length  # (k,) offsets
+    radii = np.where(is_slide, slide_reach, ROUND_UP * np.pi)
+    region = Boxes(np.where(is_slide, slide_zeros, 0.0)[None], radii[None])
+    return has_only_known_solutions(equations.enclose, region, known)
 
 
 class KnownSolutions(NamedTuple):

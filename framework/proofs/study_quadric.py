@@ -100,13 +100,6 @@ def displacement_functions(R: Array, p: Array) -> Array:
     return np.hstack([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)])
 
 
-def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
-    """Compute rotations R (T, 3, 3), translations p (T, 3) of real dual quaternions z (T, 8)."""
-    scaled = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)  # (T, 17) functions times |x|^2
-    values = scaled / scaled[:, :1]  # the first function is 1
-    return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
-
-
 @dataclass(frozen=True, eq=False)
 class Displacements:
     """A group of displacements, and the systems of quadrics that are linear conditions on the group.
@@ -235,7 +228,10 @@ class Displacements:
         """
         quaternions = np.zeros((len(z), 8))
         quaternions[:, self.coordinates] = z
-        return displacements_of_quaternions(quaternions)
+        # (T, 17) functions times |x|^2
+        scaled = np.einsum("mij,ti,tj->tm", _function_forms(), quaternions, quaternions)
+        values = scaled / scaled[:, :1]  # the first function is 1
+        return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
 
 
 def _displacement_group(name: str, bound: int, chosen: IntArray, coordinates: IntArray) -> Displacements:

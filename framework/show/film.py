@@ -169,14 +169,15 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
 def _sample_film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
     """Film F instants of a motion; `facts` are the other fields of the film."""
     curves = wrench_curves(robot, motion)
+    motors = platform_wrench(robot, motion)
     return Film(
         robot=robot,
         q=motion.q,
         x=facts["path"](facts["law"](facts["time"])),
         g=curves.g if len(robot.passive) else np.full_like(curves.g, np.nan),
         t_s=curves.twist,
-        W_p=curves.wrench,
-        motors=platform_wrench(robot, motion),
+        W_p=motors.bodies,
+        motors=motors,
         wrenches=motion.wrenches,
         **facts,
     )

@@ -6,6 +6,7 @@ of the pose under the pointer: one file, nothing fetched.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from html import escape
 from pathlib import Path as FilePath
@@ -45,6 +46,7 @@ from framework.show.style import (
     NOT_CARRIED,
     PATH,
     UNREACHED,
+    ColumnLayout,
     Style,
     draw_curves,
     draw_dot,
@@ -112,7 +114,7 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
     for colour, label in legend_entries:
         ax.plot([], [], "s", color=colour, label=label)
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
-    ax.figure.legend(loc="outside lower left", ncols=2)
+    ax.figure.legend(loc="lower left", ncols=2)
     return ax
 
 
@@ -260,7 +262,7 @@ def _make_axes(workspace: WorkspaceMap, quantity: Quantity) -> Axes:
     wide, high = workspace.window.upper - workspace.window.lower
     shape = high / wide if is_to_scale(workspace) else 0.8
     width = WINDOW_EDGE / max(1.0, shape)  # [in]
-    drawing = Figure(figsize=(max(width + ASIDE, COLUMN_WIDTH), width * shape + ABOVE), layout="compressed")
+    drawing = Figure(figsize=(max(width + ASIDE, COLUMN_WIDTH), width * shape + ABOVE), layout=ColumnLayout())
     ax = drawing.subplots()
     ax.set_box_aspect(shape)
     ax.grid(False)
@@ -295,13 +297,16 @@ def _window_edges(workspace: WorkspaceMap) -> Array:
 
 
 def save_map_figures(
-    workspace: WorkspaceMap, folder: FilePath, *, path: Path | None = None
+    workspace: WorkspaceMap,
+    folder: FilePath,
+    *,
+    path: Path | None = None,
+    keys: Sequence[str] | None = None,
 ) -> list[FilePath]:
-    """Write a PDF and a PNG of each quantity into a folder: map_g.pdf and so on."""
+    """Write a PDF and a PNG of each quantity, or of those of `keys`, into a folder: map_g.pdf and so on."""
     files = []
-    for quantity in workspace.quantities:
-        draw = partial(plot_map, workspace, quantity.key, path=path)
-        files += save_figure(draw, folder / f"map_{quantity.key}")
+    for key in [quantity.key for quantity in workspace.quantities] if keys is None else keys:
+        files += save_figure(partial(plot_map, workspace, key, path=path), folder / f"map_{key}")
     return files
 
 

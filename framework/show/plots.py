@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
-from framework.dynamics.platform_wrench import measure_at_rest, wrench_along
+from framework.dynamics.platform_wrench import measure_at_rest, wrench_curves
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import law_derivatives
@@ -72,7 +72,8 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
             draw_dot(ax, crossing.time, getattr(crossing, key), size=3)
     _label_time(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
-    axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
+    title = plan.reason if plan.is_chain else f"{kind} of degree {plan.law.degree}"
+    axes[0].set_title(title, loc="left")
     return axes
 
 
@@ -109,7 +110,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax.plot(s, g, label="springs at rest" if plan.robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
         times = _sample_times(plan)
-        loaded_g, _ = wrench_along(plan.dynamics, times)
+        loaded_g = wrench_curves(plan.robot, plan.dynamics.motion(times)).g
         loaded_g *= np.sign(loaded_g[0] * g[0])  # the sign of g is arbitrary
         ax.plot(plan.law(times), loaded_g, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
@@ -154,7 +155,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:
     s = np.linspace(min(shown) - shift, max(shown) + shift, 5)
     times = crossing.time + (s - crossing.s) / crossing.speed
     _draw_upward(inset, s - at_rest, measure_at_rest(searched, s), crossing.speed, line_style(0))
-    loaded_g, _ = wrench_along(plan.dynamics, times)
+    loaded_g = wrench_curves(plan.robot, plan.dynamics.motion(times)).g
     _draw_upward(inset, plan.law(times) - at_rest, loaded_g, crossing.speed, line_style(1))
     inset.axhline(0.0, color="black", linewidth=0.5)
     inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
@@ -172,8 +173,8 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot t_s . W_p over time: condition (8) demands 0 at each crossing."""
     ax = ensure_axes(ax)
     times = _sample_times(plan)
-    _, wrench = wrench_along(plan.dynamics, times)
-    ax.plot(times, wrench, **line_style(0))
+    power = wrench_curves(plan.robot, plan.dynamics.motion(times)).power  # t_s . W_p
+    ax.plot(times, power, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     _label_time(plan, ax)
     bodies = "\nwithout rotors" if np.any(plan.robot.rotor_inertia) else ""  # unlike the eye
@@ -344,8 +345,12 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     Raises:
         InvalidInput: a film has no singular instant, or there are several robots or paths.
     """
-    _check_one_path(films)
     first = films[0]
+    for film in films:
+        if not film.instants or film.robot.name != first.robot.name or film.path != first.path:
+            raise InvalidInput(
+                "one eye is for motions of one robot along one path, through a singularity each"
+            )
     ax = ensure_axes(ax)
     twist = twist_at_singularity(films)
     s = first.law(first.time)  # (F,)
@@ -375,16 +380,6 @@ def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float
     ax.plot(s_singular, np.interp(s_singular, s, demand), dot, color=color, markersize=5, zorder=4)
     low, high = s_range
     return float(np.abs(demand[(low <= s) & (s <= high)]).max())
-
-
-def _check_one_path(films: Sequence[Film]) -> None:
-    """Refuse films of several robots or paths, or without a singular instant."""
-    first = films[0]
-    for film in films:
-        if not film.instants or film.robot.name != first.robot.name or film.path != first.path:
-            raise InvalidInput(
-                "one eye is for motions of one robot along one path, through a singularity each"
-            )
 
 
 def twist_at_singularity(films: Sequence[Film]) -> Array:

@@ -58,7 +58,9 @@ MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 def report_page(plan: CrossingPlan, *, name: str = "") -> str:
     """Return the report of a plan (HTML) in one file; `name` is the scene's title."""
     film = film_plan(plan, name=name)
-    heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
+    count = len(plan.crossings)
+    through = f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
+    heading = f"{display_name(plan.robot.name)}: {through if count else 'a motion without a singularity'}"
     contents = {
         "What happens": _motion_html(film) + _table_html(motion_facts(plan)),
         "Figures": _figures_html(plan, film),
@@ -70,14 +72,6 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
     sections = [f"<section><h2>{title}</h2>\n{content}</section>" for title, content in contents.items()]
     body = "\n".join(['<div class="report">', scene_part(heading, FILM_LEAD), *sections, "</div>"])
     return whole_page(heading, body, film_documents([film]))
-
-
-def _describe_plan(plan: CrossingPlan) -> str:
-    """State how many singularities a plan crosses."""
-    count = len(plan.crossings)
-    if not count:
-        return "a motion without a singularity"
-    return f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
 
 
 def _mark_indices(text: str) -> str:
@@ -113,6 +107,10 @@ def _law_html(plan: CrossingPlan) -> str:
         f"It is a polynomial of degree {plan.law.degree}: s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1), "
         f"with Chebyshev polynomials T<sub>k</sub> and T = {plan.duration:g} s."
     )
+    if plan.is_chain:
+        formula = (
+            f"It is {plan.reason}, whose path is their motion: s(t) = t / T with T = {plan.duration:g} s."
+        )
     if plan.optimality is not None:
         specification = plan.optimality.specification
         formula = (
@@ -147,7 +145,10 @@ def _parameters_html(plan: CrossingPlan) -> str:
     description = plan.robot.description
     options = given_options(plan)
     options.pop("wrenches", None)  # the facts of the motion have them
-    requested = [f"{key} {_format_value(value)}" for key, value in options.items()]
+    requested = []
+    for key, value in options.items():
+        text = " ".join(map(repr, value)) or "none" if isinstance(value, tuple) else str(value)
+        requested.append(f"{key} {text}")
     rows = [
         Fact("robot", f"{robot.name} ({description.file.name})"),
         Fact("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
@@ -173,11 +174,6 @@ def _parameters_html(plan: CrossingPlan) -> str:
         numbers = f"{line.stiffness:g} N/m from {line.rest:g} m, damping {line.damping:g} N s/m"
         rows.append(Fact(f"spring {line.label}", numbers))
     return _table_html(rows)
-
-
-def _format_value(value: object) -> str:
-    """Format the value of an option."""
-    return " ".join(map(repr, value)) or "none" if isinstance(value, tuple) else str(value)
 
 
 def _reproduction_html(plan: CrossingPlan) -> str:

@@ -83,6 +83,11 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
     reason = ", no limit in its file" if unlimited else ""
     drawn = page_robot_document(robot, poses, sight)
+    # lines of action, if there are any and the film has singular instants
+    lines = action_lines(robot, film.motors.motor_speed) if film.instants else None
+    action_document = None
+    if lines is not None:
+        action_document = encode_each(place=lines.point, way=lines.direction) | {"count": robot.n_a}
     curves = encode_each(
         time=time,
         poses=poses,
@@ -112,7 +117,7 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
             "stated": describe_motors(robot, limit, peak, reason=reason),
             "polytope": _force_figure(film, limit),
             "no_figure": why_no_figure(robot),
-            "lines": _action_line_document(film),
+            "lines": action_document,
             "t_s": _arrow_document(film.twists),
             "W_p": W_p,
             "world": world,
@@ -298,14 +303,6 @@ def why_no_figure(robot: ParallelRobot) -> str:
     if (robot.n == 2 and platform.is_point) or (robot.n == 3 and robot.n_a == 3):
         return ""
     return f"{robot.n_a} motors for {robot.n} freedoms: not drawn in the scene"
-
-
-def _action_line_document(film: Film) -> Document | None:
-    """Return the motors' lines of action; None for a film without singular instants."""
-    lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
-    if lines is None:
-        return None
-    return encode_each(place=lines.point, way=lines.direction) | {"count": film.robot.n_a}
 
 
 def _locus_document(film: Film, traced: Traced) -> Document | None:

@@ -130,20 +130,15 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
                 _motor_shape(axis, "cylinder", (radius, length), axis.place + 1.2 * length * axis.axis)
             )
         else:
-            motors.append(_block_motor(carried_axis(robot, int(column)), size))
+            rail = carried_axis(robot, int(column))
+            width, length = 1.1 * MOTOR_RADIUS * size, 1.8 * MOTOR_RADIUS * size  # of a block
+            motors.append(_motor_shape(rail, "box", (width, width, length), rail.place))
     return motors
 
 
 def _motor_shape(axis: JointAxis, kind: str, size: tuple[float, ...], place: Array) -> Shape:
     """Return the solid of a motor at a place (3,), along its joint's axis."""
     return Shape(axis.joint, kind, size, placement_with_z_along(place, axis.axis), IDLE_MOTOR_COLOR)
-
-
-def _block_motor(axis: JointAxis, size: float) -> Shape:
-    """Return the block of a motor on a rail."""
-    width = 1.1 * MOTOR_RADIUS * size
-    length = 1.8 * MOTOR_RADIUS * size
-    return _motor_shape(axis, "box", (width, width, length), axis.place)
 
 
 def _drum_motor(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:

@@ -16,7 +16,6 @@ from framework.atlas.quantities import QUANTITIES
 from framework.control.sensors import ControlLoop
 from framework.control.study import Study
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
-from framework.numerics.arrays import Array, BoolArray
 from framework.show.captions import display_name
 from framework.show.style import ALARM, AXIS, GOOD, draw_dashed, legend_above, line_style, new_figure
 
@@ -41,7 +40,9 @@ def plot_study(study: DesignStudy) -> Axes:
     size = (CELL_SIZE * len(parameters) + 1.6, CELL_SIZE * len(rows) + 0.4)
     drawing = Figure(figsize=size, layout="constrained")
     axes = drawing.subplots(len(rows), len(parameters), sharex="col", sharey="row", squeeze=False)
-    norm = _color_scale(study.columns[COLORING_QUANTITY])
+    colours = study.columns[COLORING_QUANTITY]
+    finite = colours[np.isfinite(colours)]
+    norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
     for row, key in zip(axes, rows, strict=True):
         for ax, values in zip(row, parameters.values(), strict=True):
             # marks are areas or, with lines from the least to the largest value, medians
@@ -51,38 +52,23 @@ def plot_study(study: DesignStudy) -> Axes:
                 ax.vlines(values, least, largest, color=AXIS, linewidth=0.8)
                 if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
                     ax.set_yscale("log")
-            colours = study.columns[COLORING_QUANTITY]
             marks = ax.scatter(values, middle, s=12, zorder=3, c=colours, cmap=PALETTE, norm=norm)
         name = AREAS[key] if key in AREAS else QUANTITIES[key].name
         row[0].set_ylabel("\n".join([*wrap(name, 24), f"[{_row_unit(study, key)}]"]))
     refused = np.array(study.why) != ""
     for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)
-        _mark_refused(ax, values[refused])
+        crosses = values[refused]  # at the bottom, 0.03 of the height of the axes
+        height = np.full(len(crosses), 0.03)
+        whole = ax.get_xaxis_transform()
+        ax.plot(crosses, height, "x", color=ALARM, markersize=4, transform=whole, clip_on=False)
     bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
     bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_row_unit(study, COLORING_QUANTITY)}]")
-    drawing.suptitle(_describe_designs(refused), fontsize=8, x=0.02, ha="left")
+    refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
+    heading = f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
+    drawing.suptitle(heading, fontsize=8, x=0.02, ha="left")
     first: Axes = axes[0, 0]
     return first
-
-
-def _describe_designs(refused: BoolArray) -> str:
-    """Return the heading for designs; the `refused` (a mask) make no robot."""
-    refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
-    return f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
-
-
-def _color_scale(values: Array) -> Normalize:
-    """Return the colour scale of the finite values (designs,)."""
-    finite = values[np.isfinite(values)]
-    return Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
-
-
-def _mark_refused(ax: Axes, parameters: Array) -> None:
-    """Mark designs that make no robot by crosses at the bottom, at their parameters (k,)."""
-    height = np.full(len(parameters), 0.03)  # over the height of the axes
-    transform = ax.get_xaxis_transform()
-    ax.plot(parameters, height, "x", color=ALARM, markersize=4, transform=transform, clip_on=False)
 
 
 def _row_unit(study: DesignStudy, key: str) -> str:

@@ -15,15 +15,8 @@ closed at all nodes, and the last node is the end of the step, so they do not dr
 inverted, so coordinates without mass follow from the balance of their springs in the same solution. Newton's
 method uses all derivatives except the curvature of joints with several rotations.
 
-The loops and their forces are eliminated from Newton's matrix node by node (`NewtonMatrix`). Its unknowns are
-the changes dq at the nodes, with dq = h A dv = h^2 A A da:
-
-    M da + D dv + K dq - J' dlambda = -force        J dq = -residual
-
-Here D and K are the derivatives of the force by v and q. At each node J' = Q R. The loop equations determine
-the part -Q R'^-1 residual of dq. The remaining part lies in the null space Z of J, and multiplying the
-balance by Z' eliminates dlambda. The matrix to factorise has s (nv - m) rows instead of s (nv + m): 48
-instead of 528 for a Delta robot with s = 16. If J has R > m rows, its pseudo-inverse stands for Q R'^-1.
+The loops and their forces are eliminated from Newton's matrix node by node (`NewtonMatrix`). The matrix to
+factorise has s (nv - m) rows instead of s (nv + m): 48 instead of 528 for a Delta robot with s = 16.
 
 Sources: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI;
 Benzi, Golub and Liesen 2005, "Numerical solution of saddle point problems", Acta Numerica 14, DOI
@@ -298,7 +291,6 @@ class StepEquations:
         Args:
             a, multipliers: accelerations (s, nv) and multipliers (s, m) at the nodes.
             balance: the equations at the last iterate but one.
-            iterations: number of Newton steps.
         """
         robot = self.equations.robot
         q, v, offset_rate = self._integrate_to_nodes(a, balance.offset_rate)
@@ -337,7 +329,15 @@ class StepEquations:
 
 @dataclass(frozen=True, eq=False)
 class NewtonMatrix:
-    """Newton's matrix of a step of length h [s], reduced to the null space of J and factorised."""
+    """Newton's matrix of a step of length h [s], reduced to the null space of J and factorised.
+
+    Its unknowns are the changes dq at the nodes, with dq = h A dv = h^2 A A da:
+
+        M da + D dv + K dq - J' dlambda = -force        J dq = -residual
+
+    D and K are the derivatives of the force by v and q. At each node J' = Q R; if J has R > m rows, its
+    pseudo-inverse stands for Q R'^-1.
+    """
 
     length: float
     differentiation: Array  # (s, s) A^-1 of the table

@@ -60,9 +60,6 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
 
     The basis spans the null space Z of the loops' Jacobian J and diagonalises Z' M Z. Redundant rows do not
     add to the rank m of J. A further loss of rank is a singularity of the closures and adds no motion.
-
-    Args:
-        tangent: the terms of the equations at T states.
     """
     robot = equations.robot
     m = equations.rank

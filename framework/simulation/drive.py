@@ -149,12 +149,7 @@ class WorldForces:
         return state_derivatives(robot, partial(self._forces_of_state, robot), t, q, v)
 
     def slope(self, robot: ParallelRobot, t: Array, frames: FrameStack) -> Array:
-        """Compute the derivatives (T, nv, nv) of the forces of wrenches by tangent steps of q.
-
-        Args:
-            t: times (T,) [s].
-            frames: those of the robot at these times.
-        """
+        """Compute the derivatives (T, nv, nv) of the wrenches' forces by steps of q, at t (T,) [s]."""
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
         return sum(slopes, start=np.zeros((len(t), robot.nv, robot.nv)))
@@ -338,9 +333,7 @@ def _drive_by_plan(
 ) -> Drive:
     """Make the drive from a planned motion, without dry friction, as the simulated robot has none.
 
-    Args:
-        breaks: further instants [s] at which the torque jumps or has a kink.
-        world: the external wrenches.
+    `breaks` are further instants [s] at which the torque jumps or has a kink.
     """
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:

@@ -95,21 +95,16 @@ class EquationsOfMotion:
             rotors=robot.rotors,
             stiffness=robot.all_stiffness,
         )
-        return equations._load_idle_joints()
-
-    def _load_idle_joints(self) -> EquationsOfMotion:
-        """Return the equations with unit inertia on idle joints without mass.
-
-        No force acts on such a joint, so any inertia makes its equation solvable and changes nothing else.
-        """
-        idle = self.robot.structure.idle  # columns of the velocity vector
+        idle = robot.structure.idle  # columns of the velocity vector
         if not len(idle):
-            return self
-        inertias = np.diag(self.tangent_at_rest(self.robot.q_near).mass[0])  # (nv,)
+            return equations
+        # unit inertia on idle joints without mass: no force acts on such a joint, so any inertia makes its
+        # equation solvable and changes nothing else
+        inertias = np.diag(equations.tangent_at_rest(robot.q_near).mass[0])  # (nv,)
         massless = idle[inertias[idle] <= EIGENVALUE_ROUNDING * inertias.max()]
-        rotors = self.rotors.copy()
+        rotors = robot.rotors.copy()
         rotors[massless] = 1.0
-        return replace(self, rotors=rotors)
+        return replace(equations, rotors=rotors)
 
     @property
     def rank(self) -> int:

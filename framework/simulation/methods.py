@@ -33,23 +33,14 @@ class MethodSettings(NamedTuple):
     step: float = 0.0  # length of fixed steps, or of the longest step [s]; 0 for the default of the method
 
 
-class IntegrationTask(NamedTuple):
-    """The input of a simulation, checked and completed."""
-
-    equations: EquationsOfMotion
-    drive: Drive
-    start: State
-    duration: float  # [s]
-    events: Sequence[Event]
-    report_progress: Callable[[float], None] | None  # called with the finished share of the motion, 0 to 1
-
-
 @dataclass
 class RunRecord:
     """The energy balance and the events of a run, over the K steps so far."""
 
-    task: IntegrationTask
+    duration: float  # [s]
+    events: Sequence[Event]
     event_samples: int  # number of instants of a step at which events are evaluated
+    report_progress: Callable[[float], None] | None  # called with the finished share of the motion, 0 to 1
     # energy supplied until each end of a step [J], K + 1 values: the sum of the `work` of `add_step`
     supplied: list[float] = field(default_factory=lambda: [0.0])
     exchanged: float = 0.0  # sum of the exchanged energy of all steps [J]
@@ -60,19 +51,17 @@ class RunRecord:
         """Add a step; return whether an event ends the run.
 
         Args:
-            step: the motion of this step.
             work: work of motors and external wrenches minus the energy that damping dissipates [J].
             exchange: integral of the absolute power of this work over the step [J].
         """
-        task = self.task
         self.supplied.append(self.supplied[-1] + work)
         self.exchanged += exchange
-        if task.events:
-            self.occurred += occurrences(task.events, step, self.event_samples, self.last_values)
+        if self.events:
+            self.occurred += occurrences(self.events, step, self.event_samples, self.last_values)
             if self.occurred and self.occurred[-1].terminal:
                 return True
-        if task.report_progress is not None:
-            task.report_progress(min(float(step.edges[-1]) / task.duration, 1.0))
+        if self.report_progress is not None:
+            self.report_progress(min(float(step.edges[-1]) / self.duration, 1.0))
         return False
 
 
@@ -85,23 +74,23 @@ class Integration(NamedTuple):
     iterations: int  # of Newton's method; of fixed steps, their number
 
 
-def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate a task by Radau IIA steps of variable length; see `collocate`."""
-    robot = task.equations.robot
-    # events are evaluated at twice as many instants as a step has nodes
-    record = RunRecord(task, event_samples=2 * settings.stages)
+def integrate_by_collocation(
+    equations: EquationsOfMotion, drive: Drive, start: State, record: RunRecord, settings: MethodSettings
+) -> Integration:
+    """Integrate by Radau IIA steps of variable length; see `collocate`."""
+    robot = equations.robot
     steps = list[CollocationStep]()
     for step in collocate(
-        task.equations,
-        task.drive,
-        task.start,
-        task.duration,
+        equations,
+        drive,
+        start,
+        record.duration,
         stages=settings.stages,
         tolerance=settings.tolerance,
-        longest=settings.step or task.duration,
+        longest=settings.step or record.duration,
     ):
         steps.append(step)
-        power = step.power - task.equations.dissipated_power(step.q, step.v)  # [W] at the s nodes
+        power = step.power - equations.dissipated_power(step.q, step.v)  # [W] at the s nodes
         weights = step.length * step.table.integration[-1]  # (s,) of the integral to the last node, the end
         work = float(weights @ power)
         exchange = float(weights @ np.abs(power))
@@ -112,23 +101,19 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
     return Integration(record, Polynomials(robot, tuple(steps)), unresolved, iterations)
 
 
-def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate a task by steps of one length under the torque in their middle; see `Stepper`."""
-    robot = task.equations.robot
-    steps = task.duration / settings.step
+def integrate_by_fixed_steps(
+    equations: EquationsOfMotion, drive: Drive, start: State, record: RunRecord, settings: MethodSettings
+) -> Integration:
+    """Integrate by steps of one length under the torque in their middle; see `Stepper`."""
+    robot, duration = equations.robot, record.duration
+    steps = duration / settings.step
     if not steps <= MAX_STEPS:
-        raise InvalidInput(
-            f"step: {settings.step!r} s makes more than {MAX_STEPS} steps of {task.duration:g} s"
-        )
+        raise InvalidInput(f"step: {settings.step!r} s makes more than {MAX_STEPS} steps of {duration:g} s")
     count = max(1, int(np.ceil(steps - SAME_PLACE)))
     if count < 2:  # the error is estimated from second differences
-        raise InvalidInput(
-            f"step: {settings.step:g} s is too long for {task.duration:g} s; take at least 2 steps"
-        )
-    edges = np.linspace(0.0, task.duration, count + 1)
-    record = RunRecord(task, event_samples=1)
-    trajectory = _take_fixed_steps(record, edges)
-    h = task.duration / count
+        raise InvalidInput(f"step: {settings.step:g} s is too long for {duration:g} s; take at least 2 steps")
+    trajectory = _take_fixed_steps(equations, drive, start, record, np.linspace(0.0, duration, count + 1))
+    h = duration / count
     # The error [rad, robot lengths] that steps of order 2 accumulate, without its growth along an unstable
     # motion, is the sum of the truncation errors, for the coordinate of the largest sum. That of a step is
     # h^3 / 12 times the third derivative of q: the second difference of velocities (K + 1, nv) over h^2.
@@ -147,7 +132,9 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
 
 
-def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
+def _take_fixed_steps(
+    equations: EquationsOfMotion, drive: Drive, start: State, record: RunRecord, edges: Array
+) -> Cubics:
     """Take steps of `Stepper` between the instants `edges` (K + 1,), until the end or a terminal event.
 
     The torque of a step is that in its middle. A feedback torque responds to the state at the beginning of a
@@ -157,13 +144,12 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
     Raises:
         NotConverged: the motion diverges.
     """
-    task = record.task
-    drive, robot = task.drive, task.equations.robot
-    stepper = Stepper.from_equations(task.equations)
-    h = task.duration / (len(edges) - 1)
+    robot = equations.robot
+    stepper = Stepper.from_equations(equations)
+    h = record.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback
-    states = [task.start]
+    states = [start]
     with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
         for k in range(len(middles)):
             q, v = states[-1]
@@ -188,16 +174,11 @@ def _take_fixed_steps(record: RunRecord, edges: Array) -> Cubics:
             mean = 0.5 * (v + end.v)  # (nv,)
             supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean  # [W]
             middle = integrate(robot, q, 0.5 * h * mean)[None]
-            work = h * float(supplied - task.equations.dissipated_power(middle, mean[None])[0])
+            work = h * float(supplied - equations.dissipated_power(middle, mean[None])[0])
             piece = Cubics(robot, edges[k : k + 2], *stack_states(states[-2:]))
             if record.add_step(piece, work, abs(work)):
                 break
     return Cubics(robot, edges[: len(states)], *stack_states(states))
-
-
-def integrate_task(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate a task by collocation, or by fixed steps if the settings have no stages."""
-    return (integrate_by_collocation if settings.stages else integrate_by_fixed_steps)(task, settings)
 
 
 _REFERENCE = MethodSettings(stages=16, tolerance=1e-12)

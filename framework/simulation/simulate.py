@@ -49,7 +49,14 @@ from framework.numerics.output import select_fields
 from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
 from framework.simulation.drive import Drive, ForceFunction, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion, State
-from framework.simulation.methods import METHODS, Integration, IntegrationTask, MethodSettings, integrate_task
+from framework.simulation.methods import (
+    METHODS,
+    Integration,
+    MethodSettings,
+    RunRecord,
+    integrate_by_collocation,
+    integrate_by_fixed_steps,
+)
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Trajectory
 from framework.tolerances import AT_REST, FILE_ROUNDING, SAME_PLACE
 
@@ -157,7 +164,6 @@ def simulation_result(
     although it is later.
 
     Args:
-        method: name of the method, of `METHODS`.
         planned: the planned motion with which the run is compared, if any.
         samples: number of equidistant instants; fixed steps are reported at their ends instead.
         seconds: computing time [s].
@@ -206,7 +212,6 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     accelerates it over its length in the duration.
 
     Args:
-        run: the run, with the energy that motors and external wrenches supplied.
         q, v: states (K + 1, nq) and (K + 1, nv) at the ends of all steps.
     """
     robot = equations.robot
@@ -339,15 +344,12 @@ def simulate(
     equations = EquationsOfMotion.of(robot, damping)
     complete_drive = Drive.of(robot, drive, breaks, wrenches, forces)
     planned = planned_motion(drive)
-    task = IntegrationTask(
-        equations=equations,
-        drive=complete_drive,
-        duration=_simulated_duration(duration, planned),
-        start=_consistent_start(equations, complete_drive, planned, start, start_velocity),
-        events=events,
-        report_progress=progress,
-    )
-    run = integrate_task(task, settings)
+    # events are evaluated at twice as many instants as a step has nodes
+    samples_of_step = 2 * settings.stages or 1
+    record = RunRecord(_simulated_duration(duration, planned), events, samples_of_step, progress)
+    state = _consistent_start(equations, complete_drive, planned, start, start_velocity)
+    integrate = integrate_by_collocation if settings.stages else integrate_by_fixed_steps
+    run = integrate(equations, complete_drive, state, record, settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
     )
@@ -413,11 +415,9 @@ def _consistent_start(
 ) -> State:
     """Return the consistent state at t = 0 next to the caller's start or, by default, the planned one.
 
-    Without both it is the assembled reference at rest.
+    Without both it is the assembled reference at rest. Massless parts balance the torques of the drive.
 
     Args:
-        drive: motor torques and external wrenches, which massless parts balance.
-        planned: the planned motion, or None.
         start, start_velocity: q (nq,) and v (nv,) of the caller, or None.
     """
     robot = equations.robot

@@ -17,7 +17,6 @@ from framework.errors import NotConverged
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.simulation.collocation import (
     COORDINATE_ROUNDING,
-    Collocation,
     CollocationStep,
     StepEquations,
     StepFailed,
@@ -76,7 +75,9 @@ def collocate(
 
             yield step
             previous = step
-            start = end_state(equations, step)
+            # the next step begins with a velocity that the loops allow
+            q = step.q[-1]
+            start = State(q, allowed_velocity(equations, equations.tangent_at_rest(q), step.v[-1]))
             time = end if candidate == end - time else step.end
             length = min(longest, candidate * growth)
             usual = max(candidate, 0.5 * usual)
@@ -131,7 +132,6 @@ def _try_step(
     """Solve a step from a guess that is extrapolated from the previous one.
 
     Args:
-        equations: of the step.
         previous: the previous step; None after a break of the torque.
         tolerance: what a step may leave unresolved [rad, robot lengths].
         leniency: factor on this part for a bridging step.
@@ -144,8 +144,7 @@ def _try_step(
     """
     newton_share = 0.01  # share of the tolerance to which a step is solved
     step_safety = 0.8  # factor on the length that the estimate of the unresolved part allows
-    guess = _extrapolate_guess(equations.equations, equations.table, previous, equations.length)
-    step = equations.solve(*guess, newton_share * tolerance)
+    step = equations.solve(*_extrapolate_guess(equations, previous), newton_share * tolerance)
     # admissible are the tolerance and the rounding of the step's motion, [rad, robot lengths]
     motions = step.length * np.abs(step.offset_rate / equations.equations.robot.column_scale)
     admissible = tolerance + COORDINATE_ROUNDING * float(motions.max(initial=0.0))
@@ -170,25 +169,18 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
     )
 
 
-def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
-    """Return the state at the end of a step, with a velocity that the loops allow."""
-    tangent = equations.tangent_at_rest(step.q[-1])
-    return State(step.q[-1], allowed_velocity(equations, tangent, step.v[-1]))
-
-
-def _extrapolate_guess(
-    equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
-) -> tuple[Array, Array]:
-    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of `length` [s].
+def _extrapolate_guess(step: StepEquations, previous: CollocationStep | None) -> tuple[Array, Array]:
+    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step.
 
     The first Legendre coefficients of the previous step are extrapolated. The last ones are left out, because
     their polynomials grow too fast outside of the step. Without a previous step the guess is zero.
     """
     guess_coefficients = 4  # number of Legendre coefficients that are extrapolated to the next step
+    table = step.table
     if previous is None:
-        a = np.zeros((table.stages, equations.robot.nv))
-        return a, np.zeros((table.stages, len(equations.rows.names)))
-    c = 1.0 + table.nodes * (length / previous.length)  # new nodes; the previous step is [0, 1]
+        a = np.zeros((table.stages, step.equations.robot.nv))
+        return a, np.zeros((table.stages, len(step.equations.rows.names)))
+    c = 1.0 + table.nodes * (step.length / previous.length)  # new nodes; the previous step is [0, 1]
     count = min(guess_coefficients, table.stages)
     extrapolation = table.basis(c, count - 1) @ table.to_series[:count]  # (s, s) from old to new node values
     return extrapolation @ previous.a, extrapolation @ previous.multipliers

@@ -252,7 +252,6 @@ class Stepper:
         drift of the loops depend.
 
         Args:
-            start: states of the R runs.
             driven: generalised forces (R, nv) of motors and world [N m, N].
         """
         robot, (q, v) = self.robot, start
@@ -288,7 +287,6 @@ class Stepper:
         q + h v, so that a part without mass is in balance after the step.
 
         Args:
-            start: states of the R runs.
             driven: generalised forces (R, nv) of motors and world [N m, N].
             closing_rate: rates (R, r) of the loop equations after the step. By default the step closes
                 CLOSING_SHARE of every gap.
@@ -314,7 +312,6 @@ class Stepper:
         whole and half steps approach the same solution. So all of them close the loops at the same rate.
 
         Args:
-            start: states of the R runs.
             driven: generalised forces (R, nv) of motors and world [N m, N].
         """
         whole, closing_rate = self._step_by_euler(start, driven, h)  # rate (R, r) of the loop equations
@@ -435,19 +432,19 @@ def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
 
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
-    """Raise InvalidInput unless two robots have the same structure."""
-    if not all(map(np.array_equal, _structure(first), _structure(second))):
+    """Raise InvalidInput unless two robots have the same structure: joints, index sets and loop rows.
+
+    Pinocchio computes all robots of a stack in the memory of one, and does not check its sizes.
+    """
+
+    def structure(robot: ParallelRobot) -> list[Any]:
+        """Return the properties in which the robots of a stack agree."""
+        joints = [list(robot.model.names), robot.model.nv, robot.model.nframes]
+        index_sets = [robot.actuated, robot.elastic, robot.frames, robot.line_springs.first]
+        loop_rows = [getattr(robot.spanning_loops, field.name) for field in fields(robot.spanning_loops)]
+        return joints + index_sets + loop_rows
+
+    if not all(map(np.array_equal, structure(first), structure(second))):
         raise InvalidInput(
             f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"
         )
-
-
-def _structure(robot: ParallelRobot) -> list[Any]:
-    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows.
-
-    Pinocchio computes all of them in the memory of one, and does not check its sizes.
-    """
-    joints = [list(robot.model.names), robot.model.nv, robot.model.nframes]
-    index_sets = [robot.actuated, robot.elastic, robot.frames, robot.line_springs.first]
-    loop_rows = [getattr(robot.spanning_loops, field.name) for field in fields(robot.spanning_loops)]
-    return joints + index_sets + loop_rows

@@ -133,8 +133,6 @@ def occurrences(
     sign brackets a zero. If a function has two zeros between neighbouring instants, both are missed.
 
     Args:
-        step: the motion of this step alone.
-        samples: number of intervals of the step in which zeros are looked for.
         last_values: value of each function at the end of the previous step, which is the start of this one;
             updated here.
     """

@@ -207,6 +207,10 @@ class _Poses(NamedTuple):
     q: Array  # (S, nq)
 
 
+STALLED = ("stalled", "stalled")  # ends of a curve
+STALL_RATIO = 0.25  # of a step to the one that failed
+
+
 class Curve(NamedTuple):
     """A traced curve."""
 
@@ -264,7 +268,7 @@ def trace_curve(
         is_inside = inside(ahead.q)
         for row, k in enumerate(live):
             if not arrives[row]:
-                step[k] *= 0.25
+                step[k] *= STALL_RATIO
                 ends[k] = "stalled" if step[k] < MIN_STEP else ""
                 continue
             next_point = ahead.single(row)

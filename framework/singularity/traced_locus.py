@@ -34,6 +34,9 @@ from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
     MAX_STEP,
+    MIN_STEP,
+    STALL_RATIO,
+    STALLED,
     Curve,
     LocusEquations,
     Points,
@@ -170,21 +173,52 @@ def _trace_branches(
     """
     max_curves = 100  # after which no further branches are traced
     points = curve_points(solutions, equations.evaluate(solutions), previous=None)
-    starts = [points.single(k) for k in range(len(solutions))]
+    # points with their curves, where these are known
+    starts: list[tuple[Points, Curve | None]] = [(points.single(k), None) for k in range(len(solutions))]
+    are_tested = False
     curves = list[tuple[Curve, list[Points]]]()
+
+    def is_new(point: Points) -> bool:
+        """Return whether no curve traced so far passes through a point."""
+        return not any(passes_point(equations, traced.points, point) for traced, _ in curves)
+
     while starts and len(curves) < max_curves:
-        start = starts.pop(0)
-        if any(passes_point(equations, curve.points, start) for curve, _ in curves):
+        start, curve = starts.pop(0)
+        if not is_new(start):
             continue
-        curve = trace_curve(equations, start, region.contains, longest)
+        curve = curve or trace_curve(equations, start, region.contains, longest)
+        if curve.ends == STALLED and not are_tested:
+            # such starts come in numbers, as along the end of a leg's reach: test the others in one stack
+            starts = _find_stalled(equations, [one for one in starts if is_new(one[0])], longest)
+            are_tested = True
         along = curve.points
         changes = np.flatnonzero(along.determinant[1:] * along.determinant[:-1] < 0)  # of det [dF/du ; t']
         crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
         curves.append((curve, crossings))
         for crossing in crossings:
             branches = _points_on_crossing_curve(equations, crossing)
-            starts += [point for point in branches if region.contains(point.q)[0]]
+            starts += [(point, None) for point in branches if region.contains(point.q)[0]]
     return curves
+
+
+def _find_stalled(
+    equations: LocusEquations, starts: list[tuple[Points, Curve | None]], longest: float
+) -> list[tuple[Points, Curve | None]]:
+    """Return starts with their curves, of one point each, where no step leads on in either direction."""
+    if not starts:
+        return starts
+    points = join([point for point, _ in starts])
+    directions = join([points, points.negate_tangents()])
+    stalled = np.ones(len(starts), dtype=bool)
+    step = min(FIRST_STEP, longest)
+    while stalled.any() and step >= MIN_STEP:
+        live = select(directions, np.tile(stalled, 2))
+        _, arrives = advance(equations, live, np.full(len(live.q), step), np.zeros_like(live.tangent))
+        stalled[stalled] = ~arrives.reshape(2, -1).any(axis=0)
+        step *= STALL_RATIO
+    return [
+        (point, Curve(point, STALLED) if stalled[k] else curve) for k, (point, curve) in enumerate(starts)
+    ]
 
 
 def _describe_curve(

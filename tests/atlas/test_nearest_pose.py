@@ -3,16 +3,21 @@
 A pose is within reach where the legs' closed forms have a solution, within the ranges of the motors.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 import robots
 from framework import ControlCycle, InvalidInput, NotAssembled, ParallelRobot, assemble
+from framework.atlas import nearest
 from framework.atlas.nearest import nearest_pose
+from framework.kinematics.continuation.pose_search import distance_unit
 from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
+from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.oracles import five_bar_pose
 from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
@@ -204,3 +209,27 @@ def test_a_cycle_that_approaches_keeps_both_modes_and_says_what_stops_it(name):
 def test_coordinates_are_as_many_as_the_platform_has():
     with pytest.raises(InvalidInput, match=r"x \(x, y\)"):
         nearest_pose(robots.load("five_bar"), [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("orthoglide", "m"), ("gough_stewart", "robot lengths and rad"), ("spherical_rrr", "rad")],
+)
+def test_distances_are_in_metres_only_where_nothing_turns(name, unit):
+    robot = robots.load(name)
+    assert distance_unit(robot) == (robot.length if unit == "m" else 1.0, unit)
+
+
+def test_a_search_starts_where_all_legs_bend_as_in_the_reference(monkeypatch):
+    robot = robots.load("five_bar")
+    search = SimpleNamespace(enter_ranges=lambda q: None)  # the branch ends on the way
+    modes = working_modes(robot, [0.05, 0.3]).modes
+    own = assemble(robot, [0.05, 0.3]).q
+    assert len(modes) == 4  # both elbows, either way
+    for mode in modes:
+        monkeypatch.setattr(nearest, "find_closed_pose", lambda robot, q=mode.q: SimpleNamespace(q=q))
+        if np.allclose(mode.q, own, atol=1e-9):
+            assert nearest._start_within_ranges(robot, search) == tuple(mode.q)
+        else:
+            with pytest.raises(NotAssembled, match="working mode"):
+                nearest._start_within_ranges(robot, search)

@@ -417,3 +417,14 @@ def test_a_pose_between_two_closes_by_one_newton_step(monkeypatch):
     monkeypatch.undo()
     gaps = linearised_at(robot, found.q.reshape(-1, robot.model.nq), window.points().reshape(-1, robot.n))
     assert np.abs(gaps.residual).max() < 1e-12 * robot.length
+
+
+def test_part_of_a_turn_may_go_on_at_both_ends_and_poses_are_counted_once():
+    robot = robots.load("slider_crank")
+    middle = robot.reference.x
+    found = workspace_map(robot, Window((0,), middle - 0.4, middle + 0.5, (7, 1), middle), ["g"])
+    axis = robot.axis_names[0]
+    assert found.open_edges == (f"least {axis}", f"largest {axis}")
+    assert found.counts == dict.fromkeys(found.reason_words, 0) | {found.reason_words[0]: 7}
+    locus = map_document(found)["locus"]
+    assert locus["traced"] is True

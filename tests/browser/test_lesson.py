@@ -5,7 +5,7 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.dynamics.platform_wrench import wrench_along
+from framework.dynamics.platform_wrench import wrench_curves
 from framework.kinematics.placements import joint_poses
 from framework.planning.planar_crossing import planar_crossing
 from framework.planning.scenes import scene, scene_path
@@ -29,7 +29,8 @@ def test_its_torques_are_those_of_the_plan(opened, page):
     np.testing.assert_allclose(told, plan.torque(times), rtol=1e-9)
     power = tab.evaluate("asked => asked.map((each) => crossing.lesson.power(...each, 'off'))", asked)
     # t_s has unit size at the crossing, which has to be among the times
-    known = wrench_along(plan.dynamics, np.insert(times, 3, plan.dynamics.crossings[0].time))[1]
+    motion = plan.dynamics.motion(np.insert(times, 3, plan.dynamics.crossings[0].time))
+    known = wrench_curves(plan.robot, motion).power
     np.testing.assert_allclose(np.abs(power), np.abs(np.delete(known, 3)), rtol=1e-9)
 
 

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.linalg import solve_discrete_are
 
@@ -12,6 +13,7 @@ from framework.control import CONTROLLERS, Measurement, reference_of, tuned_cont
 from framework.control.controllers import (
     ComputedTorque,
     RobotState,
+    _planned_multipliers,
     estimate_state,
     fading_thresholds,
     solve_damped,
@@ -19,6 +21,7 @@ from framework.control.controllers import (
 from framework.control.linear_model import linearise_plan
 from framework.control.regulators import solve_riccati
 from framework.dynamics.forward_dynamics import forward_derivatives
+from framework.kinematics.linearised_loops import scaled_loops
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each
 ROBOTS = [("five_bar", "C"), ("five_bar_heavy", "C"), ("three_rrr", "crossing"), ("gough_stewart", "tilt")]
@@ -190,3 +193,18 @@ def test_an_unknown_controller_lists_the_known():
 def test_a_period_that_cannot_be_is_refused(period):
     with pytest.raises(InvalidInput, match="period"):
         reference_of(plan_scene(robots.load("five_bar"), "C"), period=period)
+
+
+@pytest.mark.parametrize(("name", "scene"), [("five_bar_heavy", "C"), ("gough_stewart", "tilt")])
+def test_planned_multipliers_carry_what_the_motors_do_not(name, scene):
+    """J' lambda = r - S' tau with the tree's forces r by pinocchio, also along screws."""
+    ref = reference(name, scene, period=plan_scene(robots.load(name), scene).duration / 20)
+    robot, motion = ref.robot, ref.motion
+    data = robot.model.createData()
+    rows = zip(motion.q, motion.v, motion.a, strict=True)
+    forces = np.array([pin.rnea(robot.model, data, *row) for row in rows]) + robot.joint_damping * motion.v
+    of_rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
+    forces[:, robot.actuated] -= robot.gear_ratio * (ref.torque - of_rotors)
+    scaled = scaled_loops(robot, motion.linearised)
+    carried = np.vecmat(_planned_multipliers(ref, scaled), scaled) / robot.column_scale
+    np.testing.assert_allclose(carried, forces, atol=1e-8 * np.abs(forces).max())

@@ -16,6 +16,7 @@ from framework.control import (
     Spread,
     Tuning,
     draw,
+    linear_model,
     linearise_plan,
     predict,
     predict_by_sensors,
@@ -78,6 +79,24 @@ def test_links_without_mass_leave_the_states_of_platform_and_motors():
     model = linearise_plan(reference("five_bar", "C", "flexible_links"))
     assert model.A.shape[1:] == (8, 8)
     assert np.isfinite(model.A).all()  # at the crossing, too
+
+
+@pytest.mark.parametrize("period", [1e-3, pytest.param(4e-3, marks=pytest.mark.slow)])
+def test_static_balance_changes_no_vibration_that_samples_tell_apart(period, monkeypatch):
+    """The arms of a delta are each fast alone; together they vibrate at 222 Hz."""
+    ref = reference("delta", "pick", "flexible_links", period)
+
+    def frequencies():
+        model = linearise_plan(ref)
+        poles = np.linalg.eigvals(model.A[len(ref.times) // 2, : 2 * model.m, : 2 * model.m])
+        return np.sort(poles.imag[poles.imag > 0]) / (2 * np.pi)  # [Hz]
+
+    slow = frequencies()
+    monkeypatch.setattr(linear_model, "LEAST_BALANCED_SHARE", np.inf)  # none of these is without mass
+    every = frequencies()
+    told_apart = every[every < 0.5 / period]
+    assert len(told_apart) > 2
+    np.testing.assert_allclose(slow[: len(told_apart)], told_apart, rtol=0.014)
 
 
 def test_a_heavier_payload_moves_the_robot_as_its_column_says():
@@ -153,7 +172,7 @@ def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, senso
 def test_on_its_plan_a_controller_asks_for_the_torque_of_the_period_in_which_it_acts(delay):
     ref = reference("five_bar", "C", "rigid", 2e-3)
     controller = tuned_controller("lqg", ref, loop=ControlLoop(delay=delay))
-    readings = np.zeros((1, controller.plant.C.shape[1]))
+    readings = np.zeros((1, controller.observer.plant.C.shape[1]))
     for k in (0, 100, len(ref.times) - 1):
         on_plan = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, readings)
         acts = min(k + round(delay / 2e-3), len(ref.times) - 1)
@@ -236,7 +255,7 @@ def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():
     plant = Plant(np.tile(F, (count, 1, 1)), np.tile(G, (count, 1, 1)), *rows)
     gain = np.tile([[4.0, 4.0, 0.0]], (count, 1, 1))
     for delay in (0, 3):
-        deviation = closed_loop_deviation(plant, Feedback(gain, delay), np.array([0.0, 0.0, 0.2]))
+        deviation = closed_loop_deviation(Feedback(gain, delay), [plant], np.array([0.0, 0.0, 0.2]))
         np.testing.assert_allclose(deviation.z[0, -1, 0], 0.05, rtol=1e-3)
         np.testing.assert_allclose(deviation.torque[0, -1], 0.2, rtol=1e-3)
 
@@ -246,11 +265,11 @@ def test_of_a_filtered_number_the_deviation_is_that_of_its_closed_form():
     count = 4000
     one = np.ones((count, 1, 1))
     plant = Plant(one, one, one, 0 * one)
-    feedback = Feedback(0.5 * one, 0, Observer(0.5 * one, np.ones(1)))
+    feedback = Feedback(0.5 * one, 0, Observer(plant, 0.5 * one, np.ones(1)))
     step = np.array([[0.75, -0.25], [0.25, 0.25]])  # of (z, z^)
     by_noise = np.array([[-0.25], [0.25]])
     variance = np.linalg.solve(np.eye(4) - np.kron(step, step), np.kron(by_noise, by_noise))[0, 0]
-    z = closed_loop_deviation(plant, feedback, np.zeros(1)).z[0, 100:, 0]
+    z = closed_loop_deviation(feedback, [plant], np.zeros(1)).z[0, 100:, 0]
     np.testing.assert_allclose((z**2).mean(), variance, rtol=0.05)
     assert z.std() < 0.2 * np.sqrt(variance)  # 32 samples
 
@@ -259,8 +278,8 @@ def test_a_robot_with_other_springs_is_read_by_its_own_readings():
     """Readings twice as large count as twice the error: the first estimate is z, not half of it."""
     one = np.ones((3, 1, 1))
     model, other = Plant(one, one, one, 0 * one), Plant(one, one, 2 * one, 0 * one)
-    feedback = Feedback(one, 0, Observer(0.5 * one, np.zeros(1)))
-    z = closed_loop_deviation(model, feedback, np.ones(1), robots=[model, other]).z[:, :, 0]
+    feedback = Feedback(one, 0, Observer(model, 0.5 * one, np.zeros(1)))
+    z = closed_loop_deviation(feedback, [model, other], np.ones(1)).z[:, :, 0]
     np.testing.assert_allclose(z[0, :2], [1.0, 0.5])
     np.testing.assert_allclose(z[1, :2], [1.0, 0.0], atol=1e-15)
 

@@ -52,3 +52,14 @@ def test_the_command_says_what_it_cannot_make_robust(refusal):
     assert "--robust payload: needs a share" in refusal(2, *words, "payload")
     assert "--margin" in refusal(2, *words, "payload=1%", "--torque-limit", "1", "--margin", "5%")
     assert "--sensors" in refusal(2, "plan", "five_bar", "--scene", "C", "--sensors", "motors")
+
+
+@pytest.mark.slow
+def test_a_robust_plan_that_was_written_is_studied_with_the_same_spread(tmp_path, document):
+    words = ("plan", "five_bar", "--scene", "C", "--smoothness", "4", "--robust", "payload=10%")
+    plan = document(*words, "--out", str(tmp_path))
+    assert plan["robust"]["spread"]["payload"] == 0.1
+    runs = ("--payload", "10%", "--runs", "3", "--seed", "4", "--controller", "lqg")
+    study = document("robustness", str(tmp_path), *runs)
+    assert study["spread"]["payload"] == 0.1
+    assert study["studies"][0]["probability"] == 1.0

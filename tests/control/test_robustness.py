@@ -7,6 +7,7 @@ from statistics import NormalDist
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
@@ -27,7 +28,7 @@ from framework.control import (
 )
 from framework.control import study as study_module
 from framework.control.controllers import FeedforwardPD
-from framework.control.study import FIRST_TRIAL, run_chunk
+from framework.control.study import FIRST_TRIAL, run_chunk, run_store
 from framework.control.variations import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
@@ -190,8 +191,6 @@ def test_what_comes_late_and_what_rubs_leaves_a_larger_error():
 @pytest.mark.parametrize("robot", ["five_bar", "five_bar_heavy", "gough_stewart", "delta"])
 def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
     """Kinetic energy is linear in the payload: 1 +- p about the same robot are symmetric about 1."""
-    import pinocchio as pin
-
     nominal = robots.load(robot)
     random = np.random.default_rng(3)
     q, v = (
@@ -508,3 +507,26 @@ def test_a_study_has_the_limits_of_the_plan_or_says_that_the_plan_exceeds_them(
     )
     assert "2 of 2 failed runs of feedforward met the torque limits, of which the plan takes" in bound
     assert "failed runs" not in lifted
+
+
+def test_shifted_joints_move_all_that_they_carry():
+    """The place of a joint moves by the shifts of those before it and its own, each turned as its parent."""
+    nominal = robots.load("gough_stewart")
+    shifts = np.random.default_rng(5).standard_normal((nominal.model.njoints - 1, 3))
+    nothing = draw(nominal, Spread(), (0, 0))
+    model = apply_variation(nominal, Variation(**{**vars(nothing), "shifts": shifts})).model
+    data, moved = nominal.model.createData(), model.createData()
+    for tree, of_tree in ((nominal.model, data), (model, moved)):
+        pin.forwardKinematics(tree, of_tree, nominal.reference.q)
+    added = [np.zeros(3)]
+    for j in range(1, nominal.model.njoints):
+        parent = nominal.model.parents[j]
+        added.append(added[parent] + data.oMi[parent].rotation @ shifts[j - 1])
+        np.testing.assert_allclose(moved.oMi[j].translation, data.oMi[j].translation + added[j], atol=1e-12)
+
+
+def test_runs_are_kept_by_what_was_planned_and_not_by_how_long_it_took(tmp_path):
+    plan = {"duration": 1.5, "law": [0.0, 1.0], "seconds": 0.2}
+    folder = run_store(tmp_path, {"plan": plan}, "lqr").folder
+    assert run_store(tmp_path, {"plan": {**plan, "seconds": 0.3}}, "lqr").folder == folder
+    assert run_store(tmp_path, {"plan": {**plan, "duration": 1.4}}, "lqr").folder != folder

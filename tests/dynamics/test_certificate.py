@@ -23,6 +23,7 @@ from framework import (
 from framework.dynamics.elasticity import pass_at_rest
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
+from framework.dynamics.result import Certificate
 from framework.numerics.chebyshev import TimeGrid
 from tests.oracles import five_bar as oracle
 from tests.oracles.placements import placements
@@ -200,3 +201,9 @@ def test_deflections_that_are_only_rounding_refuse_no_motion(flexibility):
     constant = Brought(lambda t, k: [t / 1.5, 1 / 1.5 + 0 * t, 0 * t][k])
     found = inverse_dynamics(robots.load("five_bar", flexibility=flexibility), CLEAR, constant)
     assert np.abs(found.deflection(np.linspace(0, 1.5, 50))).max(initial=0.0) < 1e-6
+
+
+@pytest.mark.parametrize(("tail", "change"), [(1e-3, 1e-9), (1e-9, 1e-3)])
+def test_a_motion_is_no_better_resolved_than_its_series_or_its_deflections(tail, change):
+    certificate = Certificate(nodes=64, tail=tail, passes=1, change=change, end_speed=0.0, monotone=True)
+    assert certificate.unresolved == 1e-3

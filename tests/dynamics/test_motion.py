@@ -7,7 +7,7 @@ import pytest
 import robots
 from framework import Line, plan_crossing, plan_scene
 from framework.dynamics.open_loop import fall_exponent, open_loop_growth, repelling_rates
-from framework.dynamics.platform_wrench import wrench_along, wrench_curves
+from framework.dynamics.platform_wrench import platform_wrench, wrench_curves
 from tests.robots.every_robot import planned
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -24,7 +24,7 @@ def test_the_wrench_that_all_bodies_ask_for_does_the_work_that_goes_into_them(na
     robot = robots.load(name)
     plan = planned(robot)
     t, h = np.linspace(0.1, 0.9, 17) * plan.duration, 1e-5 * plan.duration
-    curves = wrench_curves(robot, plan.dynamics.motion(t))
+    wrench = platform_wrench(robot, plan.dynamics.motion(t)).bodies
 
     def energy(times):
         motion = plan.dynamics.motion(times)
@@ -38,14 +38,14 @@ def test_the_wrench_that_all_bodies_ask_for_does_the_work_that_goes_into_them(na
         )
 
     rate = (energy(t + h) - energy(t - h)) / (2 * h)
-    power = np.sum(curves.wrench * plan.platform(t, 1), axis=1)
+    power = np.sum(wrench * plan.platform(t, 1), axis=1)
     np.testing.assert_allclose(power, rate, rtol=0, atol=1e-6 * np.abs(rate).max())
 
 
 def test_at_the_crossing_g_and_the_power_vanish_together(plan):
     (crossing,) = plan.crossings
     t = crossing.time + np.array([-1e-3, 0.0, 1e-3])
-    g, power = wrench_along(plan.dynamics, t)
+    g, _, power = wrench_curves(plan.robot, plan.dynamics.motion(t))
     assert abs(g[1]) < 1e-11
     assert g[0] * g[2] < 0
     assert abs(power[1]) < 1e-9

@@ -24,7 +24,7 @@ def test_on_massless_legs_it_is_the_payload_and_the_rotors():
     plan, t, motion = planned("five_bar", "C")
     wrench = platform_wrench(plan.robot, motion)
     rotors = 6.4e-6 * plan.motor_angle(t, 2)
-    payload = wrench.required - np.einsum("tan,ta->tn", wrench.motor_speed, rotors)
+    payload = wrench.bodies + wrench.rotors - np.einsum("tan,ta->tn", wrench.motor_speed, rotors)
     assert payload == pytest.approx(10.0 * plan.platform(t, 2), abs=1e-9)
 
 

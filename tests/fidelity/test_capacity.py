@@ -11,7 +11,7 @@ import robots
 from framework import InvalidInput, LimitsExceeded, NoLaw, NotConverged, largest_load, plan_crossing
 from framework.cli import main
 from framework.cli.fidelity import capacity_lines
-from framework.fidelity.capacity import capacity_request
+from framework.fidelity.capacity import capacity_request, largest_load_of
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.planning.refusals import LeastLimits, SearchEvidence
 from framework.planning.scenes import scene_path
@@ -133,7 +133,7 @@ def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
 )
 def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, bound, most):
     """Planned up to 5.3 times the push: peaks that rise with it save plans, others do no harm."""
-    plan, tried = pushed(0.0), []
+    plan, tried, counted = pushed(0.0), [], []
     monkeypatch.setattr("framework.fidelity.capacity._Multiples.bound_peaks", lambda self, m: m / bound)
 
     def planned(robot, request, **_):
@@ -145,7 +145,9 @@ def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, bo
 
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", planned)
     robot, path = five_bar()
-    found = largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
+    request = capacity_request(robot, path, torque_limit=LIMIT, wrenches=PUSH)
+    found = largest_load_of(robot, request, progress=counted.append)
+    assert counted == list(range(1, len(tried) + 1))
     assert found.multiple <= 5.3 < found.refused <= 1.001 * found.multiple
     assert len(tried) <= most
 

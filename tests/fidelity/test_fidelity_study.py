@@ -127,15 +127,18 @@ def test_steps_are_shortened_until_the_plan_follows_itself(monkeypatch, error_of
     """Steps are off by 1e-3 of the tolerance or, if that carries the platform off, by 1e-5 of it."""
     study = crossing_study()
     reference = ReferenceMotion.of(study.highest, study.robot, study.tolerance)
-    reference.length = reference.highest.length  # shares of the path's length are shares of the robot's
+    # shares of the path's length are shares of the robot's
+    reference = replace(reference, length=reference.highest.length)
+    tried = []
 
-    def simulated(self, level, motion):
-        error = np.full(len(self.times), error_of_a_step * self.step_error)
+    def simulated(self, level, motion, step_error):
+        tried.append(step_error)
+        error = np.full(len(self.times), error_of_a_step * step_error)
         return Comparison(level, motion, 0.0 * error, error)
 
     monkeypatch.setattr(ReferenceMotion, "_simulate", simulated)
     assert list(reference.compare_levels([])) == []
-    assert reference.step_error == pytest.approx(steps * study.tolerance)
+    assert tried[-1] == pytest.approx(steps * study.tolerance)
 
 
 def test_controllers_push_motors_back_to_their_planned_angles():
@@ -373,3 +376,20 @@ def test_springs_are_compared_as_shares_of_the_robot_s_length():
     )
     name, size = Comparison(LEVELS[0], motion, np.zeros(1), np.zeros(1)).deflection
     assert (name, size) == ("rod", pytest.approx(0.008, rel=1e-3))
+
+
+def test_errors_are_looked_at_as_near_to_a_crossing_on_either_side():
+    robot = robots.load("five_bar")
+    plan = plan_scene(robot, "C")
+    beside = ReferenceMotion.of(plan, robot, 0.01).times - plan.crossings[0].time
+    before, after = np.sort(-beside[beside < 0])[:10], np.sort(beside[beside > 0])[:10]
+    assert after[0] < 1e-5 * plan.duration
+    np.testing.assert_allclose(before, after, rtol=1e-6)
+
+
+def test_laws_differ_by_the_largest_distance_between_them():
+    times = np.linspace(0.0, 1.5, 301)
+    study = SimpleNamespace(times=times, highest=SimpleNamespace(law=lambda t: t / 1.5))
+    other = SimpleNamespace(motion=SimpleNamespace(law=lambda t: t / 1.5 - 0.02 * np.sin(np.pi * t / 1.5)))
+    assert FidelityStudy.law_difference(study, other) == pytest.approx(0.02, rel=1e-12)
+    assert FidelityStudy.law_difference(study, SimpleNamespace(motion=None)) == np.inf

@@ -11,6 +11,8 @@ import robots
 from framework import InvalidInput, UnboundedTorque, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dynamics, open_loop_error
 from framework.dynamics.platform_wrench import platform_wrench
+from framework.dynamics.pointwise_dynamics import motor_inertia
+from framework.fidelity import predicted_level
 from framework.fidelity.predicted_level import (
     Indicators,
     LevelError,
@@ -136,3 +138,17 @@ def test_a_level_whose_torques_lead_the_robot_where_it_says_has_no_error_of_the_
     assert size > 0.3 * path_length(highest.robot, highest.path)
     share = missing.max() / np.abs(highest.torques(times)).max()  # of the torque
     assert indicators.error["payload"] == pytest.approx(share, rel=1e-3)
+
+
+@pytest.mark.parametrize("fall", [12.0, 24.0])
+def test_motors_that_catch_a_falling_robot_are_ten_times_as_quick_as_its_fall(monkeypatch, fall):
+    """An error of a motor alone, I a + k_d v + k_p d = 0, decays with both its rates at ten of the fall's."""
+    monkeypatch.setattr(predicted_level, "fall_exponent", lambda motion: fall)
+    motion = plan_scene(robots.load("five_bar"), "A").dynamics
+    found, control = predicted_level.measure_fall(motion)
+    assert found == fall
+    inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
+    for moved, k_p, k_d in zip(inertia, control.k_p, control.k_d, strict=True):
+        rate = -10.0 * fall / motion.duration
+        assert moved * rate**2 + k_d * rate + k_p == pytest.approx(0.0, abs=1e-9 * k_p)
+        assert k_d / (2.0 * moved) == pytest.approx(-rate)

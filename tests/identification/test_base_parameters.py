@@ -13,7 +13,12 @@ import pytest
 import robots
 from framework import InvalidInput, ParallelRobot, dynamics_at
 from framework.identification import base_parameters
-from framework.identification.base_parameters import parameter_regressor, random_motion, torque_parameters
+from framework.identification.base_parameters import (
+    central_moments,
+    parameter_regressor,
+    random_motion,
+    torque_parameters,
+)
 from tests.robots.every_robot import RIGID, in_stages
 
 SOME_DIRECTIONS = 8  # of a robot, drawn at random
@@ -174,3 +179,16 @@ def test_base_parameters_stand_for_all_others_and_are_what_their_names_say(name)
             sign = -1.0 if parameter.startswith("-") else 1.0
             parts.append(sign * float((factor or ["1"])[0]) * in_file[parameter.removeprefix("-")])
         assert sum(parts) == pytest.approx(value, abs=1e-3 * np.abs(parts).max() + 1e-15)
+
+
+def test_moments_about_the_centre_are_those_of_points():
+    rng = np.random.default_rng(2)
+    masses, points = rng.uniform(0.5, 2.0, 7), rng.standard_normal((7, 3))
+    whole = sum(
+        (pin.Inertia(mass, point, np.zeros((3, 3))) for mass, point in zip(masses, points, strict=True)),
+        start=pin.Inertia.Zero(),
+    )
+    centre, moments = central_moments(whole.toDynamicParameters())
+    expected = masses @ points / masses.sum()
+    np.testing.assert_allclose(centre, expected, rtol=1e-12)
+    np.testing.assert_allclose(moments, ((points - expected).T * masses) @ (points - expected), rtol=1e-12)

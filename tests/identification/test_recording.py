@@ -1,6 +1,7 @@
 """Recorded data: read as they were written, and what is wrong with them said in one sentence."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 import robots
 from framework import InvalidInput, plan_scene, simulate
 from framework.cli import main
-from framework.identification import Sensors, read_recording, record_sensors
-from framework.identification.conversions import Conversions
+from framework.identification import Recording, Sensors, read_recording, record_sensors
+from framework.identification.conversions import Conversions, load_recording
+from framework.identification.measured_motion import check_signals
 
 ROBOT = robots.load("five_bar")
 HEADER = "time,motor_angle_left_motor,motor_angle_right_motor,torque_left_motor,torque_right_motor,note"
@@ -54,16 +56,18 @@ def test_motion_csv_is_a_recording(tmp_path):
             [HEADER, ROWS[0], "0.1,63.6,54.3,x,0.2,7"],
             "line 3: torque_left_motor needs a finite number, got 'x'",
         ),
-        ([HEADER, ROWS[0], "0.1,63.6,54.3,nan,0.2,7"], "line 3: torque_left_motor needs a finite number"),
+        ([HEADER, ROWS[0], "0.1,63.6,54.3,inf,0.2,7"], "line 3: torque_left_motor needs a finite number"),
+        ([HEADER, ROWS[0], "0.1,63.6,54.3,nan,0.2,7"], "1 rows of numbers"),
+        (
+            [HEADER, *(row.replace(",0.1,0.2", ",0.1,") for row in ROWS)],
+            "column torque_right_motor has no number",
+        ),
         ([HEADER, ROWS[0], "0.1,63.6,54.3,1e308,0.2,7"], "line 3: torque_left_motor needs a finite number"),
         ([HEADER, ROWS[0], "0.1,63.6"], "line 3: 2 cells for 6 columns"),
         ([HEADER, ROWS[0].replace(".", ",") + ",0"], "12 cells for 6 columns; decimals need points"),
-        (
-            [line.replace(",", ";") for line in [HEADER, *ROWS]],
-            "line 1: no commas; save it with commas",
-        ),
         ([HEADER, ROWS[0]], "1 rows of numbers"),
         ([HEADER, ROWS[1], ROWS[0]], "time does not advance after line 2"),
+        ([HEADER, ROWS[0], ROWS[0].replace("63.5", "63.6")], "time does not advance after line 2"),
         (["a,b", "1,2"], "no column of five_bar"),
         (["time,time", "1,2"], "column time is there 2 times"),
         ([""], "data.csv: is empty"),
@@ -73,6 +77,57 @@ def test_what_is_wrong_with_data_is_said(tmp_path, lines, message):
     with pytest.raises(InvalidInput) as said:
         read_recording(ROBOT, written(tmp_path, lines))
     assert message in str(said.value)
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_other_separators_leave_the_comma_to_decimals(tmp_path, separator):
+    lines = [HEADER, *ROWS]
+    expected = read_recording(ROBOT, written(tmp_path, lines))
+    foreign = [line.replace(",", separator).replace(".", ",") for line in lines]
+    data = read_recording(ROBOT, written(tmp_path, ["\ufeff" + foreign[0], *foreign[1:]]))
+    assert data.names == expected.names
+    np.testing.assert_array_equal(data.values, expected.values)
+
+
+def test_rows_without_a_number_and_repeated_ones_are_left_out_and_counted(tmp_path):
+    gap = [ROWS[0].replace("54.2", "nan"), ROWS[0].replace("0.1", "")]
+    data = read_recording(ROBOT, written(tmp_path, [HEADER, *gap, ROWS[0], ROWS[0], *ROWS[1:]]))
+    np.testing.assert_array_equal(data.column("time"), [0.0, 0.1, 0.2])
+    assert (data.left_out, data.row(1)) == (3, "line 6")
+    # without time a row that repeats one is another measurement of the same pose
+    poses = [line.partition(",")[2] for line in (HEADER, ROWS[0], ROWS[0], ROWS[1])]
+    assert len(read_recording(ROBOT, written(tmp_path, poses))) == 3
+
+
+def test_columns_with_other_names_are_named_and_declared(tmp_path):
+    lines = [HEADER.replace("torque_left_motor", "effort [Nm]"), *ROWS]
+    file = written(tmp_path, lines)
+    with pytest.raises(InvalidInput, match=r"unread effort \[Nm\], note; --column torque_left_motor=HEADER"):
+        read_recording(ROBOT, file).columns("torque", ROBOT.actuator_names)
+    declared = Conversions(headers={"torque_left_motor": "effort [Nm]"})
+    np.testing.assert_array_equal(load_recording(ROBOT, file, declared).column("torque_left_motor"), 0.1)
+    with pytest.raises(InvalidInput, match="unknown header of --column 'effort'"):
+        load_recording(ROBOT, file, Conversions(headers={"torque_left_motor": "effort"}))
+
+
+def test_angles_that_begin_anew_are_declared_and_spikes_are_named_by_their_rows():
+    times = np.linspace(0.0, 2.0, 400)
+    angles = 40.0 * (1.0 - np.cos(times))  # several turns
+    friction = 0.1 * np.sign(np.sin(8.0 * times)) + 0.02 * np.sin(50.0 * times)
+    values = np.column_stack([times, np.mod(angles, 2.0 * np.pi), angles, friction, friction])
+    data = Recording("log", tuple(HEADER.split(",")[:5]), values)
+    with pytest.raises(
+        InvalidInput, match=r"sample .* begins anew after a turn; --unwrap motor_angle_left_m"
+    ):
+        check_signals(ROBOT, data)
+    counted = Conversions(unwrapped=["motor_angle_left_motor"]).convert(data)
+    np.testing.assert_allclose(counted.column("motor_angle_left_motor"), angles, rtol=0, atol=1e-12)
+    check_signals(ROBOT, counted)  # steps of dry friction are no spikes
+    for column, spike in ((1, 9.0), (4, -0.5)):
+        values = counted.values.copy()
+        values[[70, 300], column] += spike
+        with pytest.raises(InvalidInput, match=f"sample 71, sample 301: a spike, {data.names[column]} is"):
+            check_signals(ROBOT, replace(counted, values=values))
 
 
 def test_columns_are_converted_as_declared_and_rows_counted_as_in_a_spreadsheet(tmp_path):

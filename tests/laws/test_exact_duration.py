@@ -84,5 +84,5 @@ def test_an_adjusted_spline_meets_its_conditions_and_its_duration_to_rounding():
 def test_splines_and_their_derivatives_are_those_of_scipy(order):
     xi = np.union1d(CELLS, np.random.default_rng(7).uniform(-1.0, 1.0, 50))
     basis = SPLINES.basis
-    expected = BSpline(basis.knots, np.eye(basis.size), SPLINE_DEGREE)(xi, order)
+    expected = BSpline(basis.splines.knots, np.eye(basis.size), SPLINE_DEGREE)(xi, order)
     np.testing.assert_allclose(basis.matrix(xi, order).toarray(), expected, rtol=0.0, atol=1e-11)

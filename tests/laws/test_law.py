@@ -6,7 +6,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial, chebyshev
 
 from framework import Condition, InvalidInput, Law
-from framework.laws.law import speed_ratios_and_peaks
+from framework.laws.law import REST, speed_ratios_and_peaks
 
 EPS = np.finfo(float).eps
 DURATION = 1.5
@@ -224,3 +224,10 @@ def test_coefficients_of_high_degree_are_kept_and_the_others_meet_the_conditions
     for order in range(1, smoothness + 1):
         largest = np.abs(law(np.linspace(0.0, DURATION, 1001), order)).max()
         np.testing.assert_allclose(law(np.array([0.0, DURATION]), order), 0.0, atol=1e-11 * largest)
+
+
+@pytest.mark.parametrize("crossings", [0, 1, 2, 3])
+@pytest.mark.parametrize("smoothness", [2, 4])
+def test_the_least_degree_is_one_less_than_the_conditions(smoothness, crossings):
+    """Of s and its derivatives at rest, and of s, s' and s" at each crossing: 8 and 12 in the paper."""
+    assert REST.least_degree(smoothness, crossings) + 1 == 2 * (smoothness + 1) + 3 * crossings

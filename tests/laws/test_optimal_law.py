@@ -179,3 +179,12 @@ def test_a_speed_that_vanishes_is_no_law(bad):
 def test_instants_outside_are_refused(t):
     with pytest.raises(InvalidInput, match="outside"):
         LAWS[0](t)
+
+
+def test_a_law_s_squared_speed_has_its_degree_and_no_more():
+    """The derivative of that order is there, the next one is nothing."""
+    xi = np.linspace(-0.99, 0.99, 9)
+    for law in LAWS:
+        assert np.abs(law.basis.matrix(xi, law.degree).values).max() > 0
+        if len(law.cells) == 2:  # one polynomial
+            assert not np.any(law.basis.matrix(xi, law.degree + 1).values)

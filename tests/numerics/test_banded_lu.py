@@ -45,7 +45,7 @@ def test_solutions_and_determinants_are_those_of_each_matrix_alone(shape, size):
         np.testing.assert_allclose(factors.solve(right)[k], expected, rtol=0, atol=error)
         np.testing.assert_allclose(factors.solve(right[k]), expected, rtol=0, atol=error)
         expected = np.linalg.solve(matrices.transpose(0, 2, 1), right[k][..., None])[..., 0]
-        np.testing.assert_allclose(factors.solve_transposed(right)[k], expected, rtol=0, atol=error)
+        np.testing.assert_allclose(factors.solve(right, transposed=True)[k], expected, rtol=0, atol=error)
     sign, size_of = np.linalg.slogdet(matrices)
     np.testing.assert_array_equal(factors.slogdet[0], sign)
     np.testing.assert_allclose(factors.slogdet[1], size_of, atol=error)
@@ -77,7 +77,7 @@ def test_small_systems_are_solved_as_the_banded_ones(size, shape):
     error = 1e-14 * np.linalg.cond(matrices).max() * size
     products = np.einsum("tij,...tj->...ti", matrices, factors.solve(right))
     np.testing.assert_allclose(products, right, rtol=0, atol=error)
-    products = np.einsum("tji,...tj->...ti", matrices, factors.solve_transposed(right))
+    products = np.einsum("tji,...tj->...ti", matrices, factors.solve(right, transposed=True))
     np.testing.assert_allclose(products, right, rtol=0, atol=error)
     determinant = np.linalg.eigvals(matrices).prod(axis=1).real
     np.testing.assert_allclose(factors.slogdet[0] * np.exp(factors.slogdet[1]), determinant, rtol=error)
@@ -99,14 +99,14 @@ def test_one_singular_matrix_is_named_and_the_signs_of_the_others_stand(instant)
     sign = np.linalg.slogdet(matrices)[0]
     sign[instant] = 0.0
     np.testing.assert_array_equal(factors.slogdet[0], sign)
-    for solve in (factors.solve, factors.solve_transposed):
+    for transposed in (False, True):
         with pytest.raises(np.linalg.LinAlgError, match=f"instant {instant}"):
-            solve(np.ones((COUNT, 12)))
+            factors.solve(np.ones((COUNT, 12)), transposed=transposed)
 
 
 def test_an_empty_stack_has_empty_solutions():
     band, *_ = stacked(chain, 6)
     factors = band.factor(np.empty((0, len(band.index))))
     assert factors.solve(np.empty((0, 6))).shape == (0, 6)
-    assert factors.solve_transposed(np.empty((3, 0, 6))).shape == (3, 0, 6)
+    assert factors.solve(np.empty((3, 0, 6)), transposed=True).shape == (3, 0, 6)
     assert factors.slogdet[0].shape == (0,)

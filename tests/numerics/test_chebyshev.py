@@ -158,6 +158,13 @@ def test_nodes_keep_clear_of_instants(size):
         assert gap > 0.02 * spacing
 
 
+def test_of_six_sizes_the_grid_takes_the_one_farthest_from_an_instant_for_its_spacing():
+    for instant in np.random.default_rng(0).uniform(START, END, 40):
+        gaps = [size * np.abs(TimeGrid(WHOLE, size).times - instant).min() for size in range(32, 38)]
+        chosen = TimeGrid.clear_of(np.array([instant]), WHOLE, 32).size
+        assert gaps[chosen - 32] > 0.995 * max(gaps)
+
+
 def test_without_instants_the_grid_is_the_one_asked_for():
     assert TimeGrid.clear_of(np.empty(0), WHOLE, 32).size == 32
 
@@ -211,6 +218,7 @@ def test_peaks_are_those_of_the_closed_form_however_they_lie_to_the_samples():
         edges = np.array([0.0, *np.sort(generator.uniform(0.1, 1.6, 2)), duration])
         # 41 coefficients resolve 30 rad/s on a panel of 1.7 s
         peaks = peak_sizes(
-            lambda t, f=frequency, p=phase: np.stack([np.sin(f * t + p), -np.exp(t)], axis=1), edges, 41
+            lambda t, f=frequency, p=phase: np.stack([np.sin(f * t + p), -np.exp(t)], axis=1),
+            TimeGrid(edges, 41),
         )
         assert np.abs(peaks - [1.0, np.exp(duration)]).max() < 1e-12

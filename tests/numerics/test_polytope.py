@@ -72,3 +72,11 @@ def test_rows_that_do_not_span_leave_a_direction_without_bound():
     np.testing.assert_array_equal(found.bounds()[2], [-np.inf, np.inf])
     np.testing.assert_allclose(found.bounds()[:2], [[-1, 1], [-3, 3]], atol=1e-12)
     np.testing.assert_array_equal(found.axis_ranges()[2], [-np.inf, np.inf])
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e12])
+def test_what_is_inside_does_not_depend_on_the_unit(scale):
+    generators = scale * np.random.default_rng(1).standard_normal((5, 3))
+    found = zonotope(np.zeros(3), generators)
+    assert found.contains(corners(generators)).all()
+    assert not found.contains(1.001 * found.vertices).any()

@@ -14,11 +14,13 @@ from framework import (
     plan_crossing,
     simulate,
 )
+from framework.cli.plan import plan_lines
 from framework.control import reference_of
 from framework.dynamics.drive_limits import DriveLimits
 from framework.files.trajectory_file import joint_trajectory
 from framework.planning.chain import DepartingCurve, envelop_drives
 from framework.planning.scenes import scene_path
+from framework.show.report import _law_html
 from tests.oracles.equations_of_motion import defects_of
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
@@ -67,7 +69,9 @@ def test_a_chain_answers_as_its_plans_do():
         np.testing.assert_allclose(of_chain(0.5 + after), of_rest(after), atol=1e-9)
     assert chain.duration == pytest.approx(2.1)
     assert "a chain of 2 plans over 2.1 s" in repr(chain)
-    assert "degree" in repr(plan)
+    assert "geometry: a chain of 2 plans over 2.1 s" in plan_lines(chain)[0]
+    assert "It is a chain of 2 plans" in _law_html(chain)
+    assert all("degree" in text for text in (repr(plan), plan_lines(plan)[0], _law_html(plan)))
     assert chain.crossings[0].time == pytest.approx(0.5 + rest.crossings[0].time)
     assert len(joint_trajectory(chain)["points"]) == 501
     reference = reference_of(chain, period=1e-2)

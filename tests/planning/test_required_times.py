@@ -37,8 +37,8 @@ def has_monotone_law(one: Crossing, times: list[float], degree: int) -> bool:
     """Whether the oracle finds a law; condition (8) gives s" at each crossing."""
     request = Request.of(one.robot, one.path, duration=one.duration, times=times)
     to_cross = path_to_cross(search_path(one.robot, one.path), request)
-    places = [point.s for point, _ in to_cross.undeformed_crossings]
-    given = [condition for _, condition in to_cross.undeformed_crossings]
+    places = [point.s for point in to_cross.crossing_points]
+    given = [point.condition for point in to_cross.crossing_points]
 
     def acceleration(condition, v: float) -> float:
         return -(condition.beta * v**2 + condition.gamma + condition.delta * v) / condition.alpha

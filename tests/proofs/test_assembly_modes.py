@@ -1,5 +1,8 @@
 """Assembly and working modes against the geometry of each robot and against published counts."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -7,7 +10,9 @@ from scipy.optimize import brentq
 import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble, dynamics_at
 from framework.kinematics.diagnostics.diagnosis import describe_pose
-from framework.proofs.assembly_modes import assembly_modes
+from framework.proofs import converted_reference
+from framework.proofs.assembly_modes import _null_space, assembly_modes
+from framework.proofs.converted_reference import _other_modes
 from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.robots.test_three_rpr import legs as three_rpr_legs
@@ -310,3 +315,41 @@ def test_a_link_may_be_called_like_a_joint_or_like_pinocchios_base(write_robot):
         assemble(robot, [0.9, 0.3])
     force = {"universe": [1.0, 2.0, 0, 0, 0, 0]}
     assert np.isfinite(dynamics_at(robot, robot.reference.q, wrenches=force).torque).all()
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+def test_a_table_of_known_singular_values_has_their_ratio_as_condition_number(scale):
+    rng = np.random.default_rng(0)
+    U, V = (np.linalg.qr(rng.standard_normal((n, n)))[0] for n in (6, 5))
+    null_space, condition_number = _null_space(scale * (U[:, :3] * [8.0, 2.0, 0.5]) @ V[:3])
+    assert condition_number == pytest.approx(16.0, rel=1e-12)
+    assert null_space.shape == (2, 5)
+    np.testing.assert_allclose(null_space @ V[:3].T, 0.0, atol=1e-14)
+
+
+def test_the_other_mode_of_few_joints_is_told_as_a_reference_that_leads_there():
+    """Below the line between the elbows of the 5R, as far as the reference is above."""
+    robot = robots.load("five_bar")
+    (remark,) = _other_modes(robot)
+    words = remark.partition("--reference ")[2].split()
+    stated = {name: float(value) for name, value in (word.split("=") for word in words)}
+    other = ParallelRobot.from_description(replace(robot.description, reference=stated)).reference.x
+    left, right = (
+        motor + LENGTH * np.array([np.cos(angle), np.sin(angle)])
+        for motor, angle in ((LEFT, stated["left_motor"]), (RIGHT, stated["right_motor"]))
+    )
+    middle = 0.5 * (robot.reference.x + other)
+    across = np.array([left[1] - right[1], right[0] - left[0]])
+    assert across @ (middle - left) == pytest.approx(0.0, abs=1e-6)
+    assert (right - left) @ (robot.reference.x - other) == pytest.approx(0.0, abs=1e-6)
+    assert np.linalg.norm(robot.reference.x - other) > 0.1
+
+
+def test_other_modes_of_many_joints_are_left_to_a_command(monkeypatch):
+    robot = robots.load("gough_stewart")
+    other = assemble(robot, robot.reference.x + 0.1).q
+    found = SimpleNamespace(modes=[SimpleNamespace(q=robot.reference.q), SimpleNamespace(q=other)])
+    monkeypatch.setattr(converted_reference, "assembly_modes", lambda robot, motors: found)
+    (remark,) = _other_modes(robot)
+    assert "in 1 ways, which crossing pose FILE --motors" in remark
+    assert "--reference" not in remark

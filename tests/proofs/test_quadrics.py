@@ -13,7 +13,6 @@ from framework.proofs.study_quadric import (
     _SQUARE,
     Displacements,
     displacement_functions,
-    displacements_of_quaternions,
     planar_displacements,
     spatial_displacements,
     spherical_displacements,
@@ -54,7 +53,7 @@ def test_a_dual_quaternion_is_the_displacement_that_its_functions_are_of():
     z[:, 4:] -= (
         z[:, :4] * np.sum(z[:, 4:] * z[:, :4], axis=1, keepdims=True) / np.sum(z[:, :4] ** 2, 1)[:, None]
     )
-    R, p = displacements_of_quaternions(z)
+    R, p = spatial_displacements().to_displacements(z)
     np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-13)
     np.testing.assert_allclose(R, Rotation.from_quat(z[:, [1, 2, 3, 0]]).as_matrix(), atol=1e-13)
     forms = spatial_displacements().members

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework.dynamics.platform_wrench import wrench_along
+from framework.dynamics.platform_wrench import wrench_curves
 from tests.browser.pages import filmed
 
 
@@ -30,7 +30,7 @@ def test_the_wrench_of_massless_legs_is_the_payload_s(crossing):
 
 
 def test_the_force_along_t_s_is_the_one_of_the_figures(crossing):
-    g, wrench = wrench_along(crossing.plan.dynamics, crossing.time)
+    g, _, wrench = wrench_curves(crossing.robot, crossing.plan.dynamics.motion(crossing.time))
     np.testing.assert_array_equal(crossing.g, g)
     # where legs have no mass, eta . r_p = t_s . W_p all along, not only on the locus
     np.testing.assert_allclose(np.sum(crossing.t_s * crossing.W_p, axis=1), wrench, atol=1e-9)

@@ -45,6 +45,19 @@ def test_the_lines_of_the_forces_run_along_the_legs(name, scene):
                 assert np.abs(off).max() < 1e-9 * robot.length
 
 
+@pytest.mark.parametrize("name", ["four_bar", "humanoid_ankle"])  # of one motor; turned about its own joints
+def test_motors_without_a_line_along_the_axes_of_the_base_have_none(name):
+    robot = robots.load(name)
+    assert action_lines(robot, np.ones((1, robot.n_a, robot.n))) is None
+
+
+def test_a_pose_without_torques_leaves_no_lines():
+    motor_speed = np.ones((2, 2, 2))
+    assert action_lines(robots.load("five_bar"), motor_speed) is not None
+    motor_speed[1, 0, 0] = np.nan
+    assert action_lines(robots.load("five_bar"), motor_speed) is None
+
+
 @pytest.mark.parametrize(
     ("name", "scene"), [("delta", "cross"), ("orthoglide", "cross"), ("spherical_rrr", "cross")]
 )

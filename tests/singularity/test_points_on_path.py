@@ -1,5 +1,7 @@
 """Singular points on a path against the closed-form locus of the planar 5R."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,8 @@ from framework import (
     locate_singularities,
     track_path,
 )
-from framework.singularity.points_on_path import search_path
+from framework.singularity.piecewise_measure import Unresolved
+from framework.singularity.points_on_path import _unresolved_error, search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle
 
@@ -145,3 +148,18 @@ def test_a_searched_path_stays_on_the_branch_where_the_measure_does_not_see_the_
     tracked = track_path(robot, path).close(s).q
     searched = search_path(robot, path).branch.close(s).q
     np.testing.assert_allclose(searched, tracked, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("lost", [1, 2])
+def test_a_measure_that_is_not_resolved_names_as_many_motions_as_vanish_together(lost, power):
+    """Of P of size five, or of P'P with its squares; one motion alone is no reason."""
+    passive = SimpleNamespace(
+        branch=SimpleNamespace(robot=robots.load(ROBOT), path=Line([0.1, 0.345], [-0.05, 0.195])),
+        linearise_guesses=lambda s: s,
+        matrix=lambda loops: np.diag(np.repeat([1.0, 3e-4], [5 - lost, lost]) ** power)[None],
+        power=power,
+    )
+    unresolved = Unresolved(ROBOT, 0.5, 1e-9)
+    error = _unresolved_error(passive, unresolved)
+    assert error is unresolved if lost == 1 else error.count == lost

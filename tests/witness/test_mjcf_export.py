@@ -13,14 +13,17 @@ from framework.files.mjcf import (
     MIN_INERTIA,
     MIN_MASS,
     OFF_ORIGIN,
+    ROD,
     convert_to_qpos,
     equality_axes,
     mjcf_text,
     ranges_left_out,
 )
+from framework.kinematics.frames import frames_at
+from framework.model.description import Closure
 from framework.simulation.consistent_states import accelerations
 from framework.simulation.equations import EquationsOfMotion
-from tests.model.readers.leg import ankle
+from tests.model.readers.leg import SAID, ankle
 from tests.witness.installed import REQUIRED
 
 if not REQUIRED:
@@ -257,7 +260,7 @@ def test_rods_that_lock_two_axes_are_points_since_the_orthoglide_keeps_the_third
 def test_a_closure_that_no_equality_says_is_refused_by_name_and_axis():
     original = robots.load("five_bar").description
     loose = replace(original, closures=(replace(original.closures[0], axes=("x",)),))
-    with pytest.raises(InvalidInput, match=r"closure 'tip', which locks x .*would lock y, z"):
+    with pytest.raises(InvalidInput, match=r"closure 'tip', which locks x .*would lock y, z, along which"):
         mjcf_text(ParallelRobot.from_description(loose))
 
 
@@ -285,6 +288,29 @@ def test_balls_as_hinges_are_the_same_tree(tmp_path):
     mujoco.mj_kinematics(hinged, turned)
     assert np.abs(data.site_xpos - turned.site_xpos).max() < 1e-12
     np.testing.assert_allclose(turned.xpos, data.xpos, atol=1e-12)
+
+
+@pytest.mark.parametrize("hinges", [False, True])
+def test_a_rod_to_a_body_on_a_ball_has_its_length_in_the_reference(tmp_path, hinges):
+    """From the end of a rod of the ankle, turned, to the foot, on which this end stays where it is."""
+    robot = ankle(tmp_path)
+    turned = robot.reference_values(assemble(robot, [-0.5, 0.3]).q)
+    end, held = robot.description.closures[0].frames
+    foot = SAID["platform"]
+    place = frames_at(robot, robot.reference.q[None]).placements[0]
+    names = [robot.model.frames[k].name for k in robot.frames]
+    length = float(np.linalg.norm(place[names.index(held), 3] - place[names.index(foot), 3]))
+    rod = Closure("rod", (end, foot), ROD, length)
+    description = robot.description
+    robot = ParallelRobot.from_description(
+        replace(description, closures=(*description.closures, rod), reference=turned)
+    )
+    model = mujoco.MjModel.from_xml_string(mjcf_text(robot, hinges=hinges))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assert len(data.efc_pos) == 7
+    assert np.abs(data.efc_pos).max() < 1e-12
 
 
 def test_each_hinge_of_a_ball_has_the_damping_of_its_axis(tmp_path):

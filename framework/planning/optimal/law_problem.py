@@ -19,7 +19,7 @@ import numpy as np
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_distribution import (
-    InternalSplines,
+    SPLINE_DEGREE,
     internal_frames,
     internal_rows,
     least_peak_torques,
@@ -32,6 +32,7 @@ from framework.laws.squared_speed import ONE_CELL, Instants, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
+from framework.numerics.splines import Splines
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand
 from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
@@ -92,17 +93,16 @@ class LawProblem(NamedTuple):
     def specification(self) -> Specification:
         return self.task.specification
 
-    def internal_frames(self, splines: InternalSplines) -> Array | None:
+    def internal_frames(self, cells: Array) -> Array | None:
         """Compute frames (n, n_a, r) of internal torques at centres of n splines, if any.
 
-        The r columns of a frame are an orthonormal basis of the torques that move nothing.
-
-        Args:
-            splines: on cells of xi.
+        The r columns of a frame are an orthonormal basis of the torques that move nothing. The splines are on
+        cells of xi with edges (k + 1,).
         """
         if not self.specification.shares_freely or self.response is not None:
             return None
-        projectors = self.demand(self.sigma(splines.centres)).internal
+        centres = Splines.on_cells(cells, SPLINE_DEGREE).centres
+        projectors = self.demand(self.sigma(centres)).internal
         assert projectors is not None
         return internal_frames(projectors, self.task.robot.n_a - self.task.robot.n)
 
@@ -305,7 +305,7 @@ def motor_rows(
         curves = _curve_rows(problem, torques, required.speed, z, sigma)
         return MotorRows(tuple(torques), speeds, curve=curves)
     assert required.internal is not None  # of motors without curves
-    internal = InternalSplines(basis.cells).matrix(xi)
+    internal = Splines.on_cells(basis.cells, SPLINE_DEGREE).matrix(xi)
     return MotorRows(tuple(torques), speeds, internal_rows(required.internal, internal, frames))
 
 

@@ -159,6 +159,9 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
             loosened: dict[str, Any] = {name: share * limit for name, limit in looser.items()}
             if has_motion(**changes, drives=drives._replace(**loosened)):
                 return evidence._replace(limits=raised | looser)
+    if task.request.times:
+        open_task = task._replace(request=replace(task.request, times=None))
+        return evidence._replace(without_times=_try_motion(open_task, times=()) is not None)
     return evidence
 
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.drive_limits import DriveLimits
-from framework.dynamics.torque_distribution import InternalSplines, second_differences
+from framework.dynamics.torque_distribution import second_differences
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.chebyshev import gauss_legendre
@@ -136,7 +136,7 @@ class SpeedProgram:
         counts = np.repeat(np.where(parts > 1, POINTS, counts), parts)
         xi, weights = _integration_points(problem, edges, counts)
         conditions = condition_rows(problem, basis)
-        frames = problem.internal_frames(InternalSplines(cells))
+        frames = problem.internal_frames(cells)
         rows = motor_rows(problem, basis, conditions, xi, frames)
         limit_weights = _weigh_limits(xi, cells, crossings)
         if limit_weights:

@@ -6,7 +6,7 @@ import pytest
 import robots
 from framework import Arc, InvalidInput, Line, NoAnswer, assemble, track_path
 from framework.kinematics.continuation.tracking import follow_path
-from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.linearised_loops import count_lost_ranks, linearised_at
 from tests.kinematics.continuation.small_steps import PLACES, draw_path, ends_at_singularity, is_followed
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
@@ -104,3 +104,14 @@ def test_a_path_of_other_coordinates_is_refused():
 def test_turns_in_degrees_are_told_at_once():
     with pytest.raises(InvalidInput, match=r"turns rz by 260 rad, 41\.4 turns; .* points are in rad"):
         track_path(robots.load("four_bar"), Line([80.0], [-180.0]))
+
+
+def test_a_rank_is_lost_by_the_share_of_the_largest_singular_value():
+    """By numpy's values of J in radians and robot lengths, counted on either side of the least one."""
+    robot = robots.load("delta")
+    at = linearised_at(robot, robot.reference.q[None])
+    scaled = at.closures[0] / robot.loop_lengths[:, None] * robot.column_scale
+    values = np.linalg.svd(scaled[:, np.sort(robot.moving)], compute_uv=False)
+    assert values[0] > 1.1
+    for level, count in ((0.999 * values[-1] / values[0], 0), (1.001 * values[-1] / values[0], 1)):
+        assert count_lost_ranks(robot, at, level)[0] == count

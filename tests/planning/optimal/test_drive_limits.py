@@ -1,5 +1,7 @@
 """Torque-speed curves and RMS torques of motors: kept, reached, and refused with what exceeds them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -7,6 +9,7 @@ from scipy.optimize import brentq
 
 import robots
 from framework import Line, NoLaw, ParallelRobot, plan_crossing
+from framework.dynamics.drive_limits import drive_limits
 from framework.errors import InvalidInput, RobotFileError
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -176,3 +179,13 @@ def test_a_curve_that_lacks_a_number_is_refused(options, message):
 def test_a_curve_of_a_file_that_lacks_a_number_is_refused(tmp_path):
     with pytest.raises(RobotFileError, match=r"torque_limit: required, as part of a torque-speed curve"):
         cart(tmp_path, "corner_speed: 1, no_load_speed: 2")
+
+
+def test_a_limit_that_the_file_states_for_one_motor_counts_for_it_alone():
+    description = robots.load("five_bar").description
+    first, second = description.actuators
+    motors = first, replace(second, rms_torque_limit=0.05)
+    robot = ParallelRobot.from_description(replace(description, actuators=motors))
+    drives = drive_limits(robot, np.full(2, PAPERS))
+    np.testing.assert_array_equal(drives.rms_torque_limit, [np.inf, 0.05])
+    assert drive_limits(robots.load("five_bar"), np.full(2, PAPERS)) is None

@@ -296,6 +296,13 @@ def test_units_change_a_bound_as_they_change_what_is_bounded(monkeypatch):
     assert in_milliseconds == pytest.approx(1e3 * duration, rel=1e-3)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_at_the_ends_motors_overcome_friction_the_way_they_turn(monkeypatch, side):
+    weight = lambda s: (1.0 + s, 0.0 * s, 2.0 + 0.0 * s)  # noqa: E731
+    task = motion(monkeypatch, torque=weight, direction=lambda s: side + 0.0 * s, friction=0.3)
+    np.testing.assert_allclose(peak_bound.torques_at_ends(task)[:, 0], [1.0 + 0.3 * side, 2.0 + 0.3 * side])
+
+
 def task_of(robot, path, **options):
     """The task of an optimal law."""
     request = Request.of(robot, path, law="optimal", **options)

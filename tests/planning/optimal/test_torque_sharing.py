@@ -9,6 +9,9 @@ import robots
 from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
 from framework.dynamics.torque_distribution import _SharedMotion, second_differences
 from framework.numerics.chebyshev import TimeGrid
+from framework.numerics.cone_program import Affine
+from framework.numerics.sparse_rows import SparseRows
+from framework.planning.optimal.law_problem import MotorRows
 from framework.planning.optimal.peak_bound import bound_plan
 
 BASES = np.array([[0.0, 0.0], [1.0, 0.0], [0.4, 1.0]])  # of the struts [m]
@@ -172,3 +175,15 @@ def test_torques_beside_a_node_are_those_of_their_polynomials_with_the_friction_
                 size = abs(cells[cell][motor](at) + friction[6 * cell + node, motor])
                 expected[6 * cell + node, motor] = max(expected[6 * cell + node, motor], size)
     np.testing.assert_allclose(motion._largest_beside(None), expected, rtol=1e-10)
+
+
+def test_a_motor_s_torque_is_what_the_motion_asks_and_its_part_of_the_internal_torques():
+    rng = np.random.default_rng(0)
+    by_y, by_x, constant = rng.standard_normal((3, 4, 5)), rng.standard_normal((3, 4, 2)), np.arange(4.0)
+    rows = MotorRows(
+        torque=tuple(Affine(SparseRows.of(matrix), constant) for matrix in by_y),
+        squared_speed=(),
+        internal=tuple(map(SparseRows.of, by_x)),
+    )
+    y, x = rng.standard_normal(5), rng.standard_normal(2)
+    np.testing.assert_allclose(rows.torques(y, x), by_y @ y + by_x @ x + constant, rtol=1e-12)
