@@ -136,7 +136,7 @@ def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
     return loops_at(mechanism, q).jacobian[:, mechanism.joints]
 
 
-def allowed_motions(mechanism: Mechanism, q: Array) -> Array:
+def allowed_joint_motions(mechanism: Mechanism, q: Array) -> Array:
     """Compute orthonormal motions (f, joints) that the loops allow at q (nq,) [rad, robot lengths]."""
     return split_row_space(joint_loops_matrix(mechanism, q), BRANCHES_MEET)[1]
 
@@ -200,7 +200,7 @@ def nearby_configurations(
     draws = 8  # number of random motions that are tried
     joints = mechanism.joints
     scale = mechanism.column_scale  # (nv,) the robot's length [m] for slides, 1 for turns
-    allowed = allowed_motions(mechanism, reference)  # (f, joints)
+    allowed = allowed_joint_motions(mechanism, reference)  # (f, joints)
     random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
     directions: list[Array] = []  # (nv,) from the reference to these configurations

@@ -9,11 +9,12 @@ Source: de Boor, A Practical Guide to Splines, Springer 2001, chapters IX and X.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.numerics.sparse_rows import SparseRows
 
 
@@ -55,7 +56,8 @@ def spline_values(knots: Array, degree: int, intervals: IntArray, x: Array, orde
     return values
 
 
-class Splines(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Splines(ReadOnlyArrays):
     """B-splines of one degree on ascending knots (count + degree + 1,)."""
 
     knots: Array

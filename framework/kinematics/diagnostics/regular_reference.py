@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.assembly import allowed_motions, move_closed
+from framework.kinematics.assembly import allowed_joint_motions, move_closed
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
@@ -41,7 +41,7 @@ def find_near_singularity(robot: ParallelRobot, q: Array) -> NearSingularity:
     nearest = NearSingularity("", REFERENCE_DISTANCE, np.zeros(len(robot.joints)))
     # of combined loop equations, on which the signs depend
     bases = linearised_at(robot, q[None]).bases[0] if robot.structure.varies else None
-    allowed = allowed_motions(robot, q)  # (f, joints)
+    allowed = allowed_joint_motions(robot, q)  # (f, joints)
     for direction in [*allowed, *-allowed]:
         poses = _move(robot, q, direction, STEPS, nearest.distance)  # (T, nq)
         signs = mode_signs(robot, linearised_at(robot, poses, bases=bases))  # (T,) each: working, assembly
@@ -85,7 +85,7 @@ def _move(robot: ParallelRobot, q: Array, direction: Array, steps: int, farthest
     """
     poses = [q]
     for _ in range(steps):
-        allowed = allowed_motions(robot, poses[-1])  # (f, joints)
+        allowed = allowed_joint_motions(robot, poses[-1])  # (f, joints)
         direction = (allowed @ direction) @ allowed
         closed = move_closed(robot, poses[-1], STEP * direction / np.abs(direction).max())
         if closed is None:
