@@ -244,7 +244,7 @@ class OptimalDurations(NamedTuple):
         """The durations, in one line."""
         if self.shortest is None:
             return f"within the limits no law of free shape was found ({self.refusal})"
-        if not self.shortest:  # 0: there are no limits
+        if self.shortest == 0.0:  # there are no limits
             return "without limits a law of free shape can be as quick or as slow as you like"
         return (
             f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "

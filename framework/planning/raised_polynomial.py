@@ -141,14 +141,18 @@ class RaisedDegree:
 
     @cached_property
     def _to_s(self) -> Array:
-        """The matrix (degree + 1, size) from coefficients of p to those of s, with s = 0 at the start."""
+        """The matrix (degree + 1, size) from Chebyshev coefficients of p to those of s, 0 at the start.
+
+        With x in [-1, 1] over the duration, s is the integral of ds/dx = (1 + x)^a (1 - x)^b p(x): the bump
+        (1 + x)^a (1 - x)^b gives a law at rest its a and b vanishing derivatives of s at the ends.
+        """
         a, b = self.ends.zeros(self.smoothness)
-        size = self.degree - a - b
+        size = self.degree - a - b  # of p
         bump = chebyshev.chebmul(chebyshev.chebpow([1.0, 1.0], a), chebyshev.chebpow([1.0, -1.0], b))
-        columns = [chebyshev.chebint(chebyshev.chebmul(bump, unit), lbnd=-1) for unit in np.eye(size)]
         matrix = np.zeros((self.degree + 1, size))
-        for column, coefficients in zip(matrix.T, columns, strict=True):
-            column[: len(coefficients)] = coefficients
+        for k, unit in enumerate(np.eye(size)):  # p = T_k
+            s = chebyshev.chebint(chebyshev.chebmul(bump, unit), lbnd=-1)
+            matrix[: len(s), k] = s
         return matrix
 
     def _rows_at(self, x: Array, order: int) -> Array:
