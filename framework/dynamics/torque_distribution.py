@@ -291,7 +291,7 @@ class _SharedMotion:
         return internal
 
     def _largest_beside(self, x: Array) -> Array:
-        """Compute the largest torques (T, n_a) over the reference beside each node.
+        """Compute the largest torques (T, n_a) over the reference beside each node, for coefficients x.
 
         They are those at the INNER_POINTS of the intervals between the nodes of a cell.
         """

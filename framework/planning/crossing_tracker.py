@@ -130,7 +130,7 @@ class CrossingTracker:
     points: the crossing points of the undeformed robot.
     times: (k,) [s] of the crossings.
     tracked: the singular points with the last deflections; None before the first ones.
-    crossings: the points with the last deflections, each with its condition (8).
+    crossings: the points with the last deflections, each with its condition (8), t_s . W_p = 0.
     """
 
     branch: Branch

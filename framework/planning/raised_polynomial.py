@@ -66,7 +66,7 @@ class RaisedDegree:
     ends: those at ends in motion; the others vanish.
     places: s (k,) of the crossings.
     times: (k,) [s].
-    conditions: (8) at each crossing.
+    conditions: coefficients of condition (8), alpha s" + beta s'^2 + gamma + delta s' = 0, at each crossing.
     enough: advance from which on |s""| is minimised instead.
     """
 
@@ -193,7 +193,10 @@ class RaisedDegree:
         return np.asarray(chebyshev.chebvander(x, size - 1) / self._constant), self._rows_at(x, HIGHEST_ORDER)
 
     def _acceleration(self, speeds: Array) -> tuple[Array, Array]:
-        """Return s" (k,) of condition (8) at speeds (k,), and its slope, in paths and durations."""
+        """Return s" (k,) of condition (8) at speeds s' (k,), and its slope, in paths and durations.
+
+        The condition is alpha s" + beta s'^2 + delta s' + gamma = 0 at each crossing.
+        """
         v = speeds / self.duration
         values, slopes = np.empty_like(v), np.empty_like(v)
         for k, condition in enumerate(self.conditions):

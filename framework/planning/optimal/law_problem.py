@@ -4,9 +4,9 @@ A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2. Its co
 functions of xi = stretch(sigma), which is steep at the crossings. Torques are affine in z and in
 u = d2 sigma/dt2 = z'/2.
 
-Condition (8) keeps torques finite at a crossing, and is a sparse equality on y. Where it is not met, torques
-have a pole. A multiple of the condition is therefore subtracted from each torque row beside a crossing: the
-row stays bounded and sparse.
+Condition (8), t_s . W_p = 0, keeps torques finite at a crossing, and is a sparse equality on y. Where it is
+not met, torques have a pole: they grow as one over the distance from the crossing. A multiple of the
+condition is therefore subtracted from each torque row beside a crossing: the row stays bounded and sparse.
 """
 
 from __future__ import annotations
@@ -411,7 +411,7 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
     The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
     in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces
-    the first rows, condition (8) of the undeformed robot, by those of the loaded robot. The last rows are
+    the first rows, t_s . W_p = 0 of the undeformed robot, by those of the loaded robot. The last rows are
     those of ends in motion.
     """
     constant, per_z, per_u, per_du = problem.conditions.T

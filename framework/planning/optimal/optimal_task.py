@@ -53,7 +53,7 @@ class Task(NamedTuple):
 
     @property
     def targets(self) -> Sequence[SingularPoint]:
-        """The points of the undeformed robot where condition (8) must hold."""
+        """The points of the undeformed robot where condition (8), t_s . W_p = 0, must hold."""
         return self.to_cross.crossing_points
 
     @property
@@ -100,10 +100,11 @@ def conditions_at(
 
 
 def check_speeds(task: Task) -> None:
-    """Raise NoLaw if no speed meets condition (8) at a crossing point.
+    """Raise NoLaw if no speed meets condition (8), t_s . W_p = 0, at a crossing point.
 
-    Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
-    determine s'^2 and s". Damping adds a term delta s', which is left to the cone program.
+    Where the path is orthogonal to the uncontrolled twist t_s, one condition reduces to
+    beta s'^2 + gamma = 0. Two conditions determine s'^2 and s". Damping adds a term delta s', which is left
+    to the cone program.
     """
     if task.robot.is_damped:
         return

@@ -55,7 +55,7 @@ NO_INTERNAL = np.empty(0)
 
 
 class Bounds(NamedTuple):
-    """The bounds of a solution besides condition (8); None means no bound.
+    """The bounds of a solution besides condition (8), t_s . W_p = 0; None means no bound.
 
     longest: bounds (m,) of the durations of the stages between required instants [s]; infinite where open.
     peak: bound of all torques over the reference.
