@@ -55,9 +55,11 @@ class FrameworkError(Exception):
         return "; ".join([self.message, *self.clauses])
 
     def with_changes(self, **attributes: Any) -> Self:
-        """Return a copy of the error, with its traceback and with other values of attributes."""
+        """Return a copy of the error, with its traceback, its cause and other values of attributes."""
         error = copy(self)
         vars(error).update(attributes)
+        if self.__cause__ is not None:  # None, too, would hide the context
+            error.__cause__ = self.__cause__
         return error.with_traceback(self.__traceback__)
 
     def naming(self, name: str) -> Self:

@@ -272,12 +272,19 @@ def test_instants_have_the_torques_of_the_closed_form(crossing, document, refusa
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_figures")
-def test_a_plan_whose_duration_is_found_is_kept_if_an_instant_is_beyond_it(refusal, tmp_path):
+@pytest.mark.parametrize("is_written", [False, True])
+def test_a_plan_whose_duration_is_found_is_kept_if_an_instant_is_beyond_it(crossing, tmp_path, is_written):
     line = ["five_bar", "--from", 0.1, 0.34, "--to", 0.08, 0.33, "--optimize", "time", "--torque-limit", 1]
-    said = refusal(2, "plan", *line, "--at", 30, "--out", tmp_path / "quick")
-    duration = json.loads((tmp_path / "quick" / "plan.json").read_text())["duration"]
-    assert f"0 to {duration:.6g} s" in said
-    assert f"the plan is written to {tmp_path / 'quick'}" in said
+    folder = tmp_path / "quick"
+    code, out, said = crossing(
+        "plan", *line, "--at", 30, "--json", *(["--out", folder] if is_written else [])
+    )
+    document = json.loads(out)
+    assert code == 2
+    assert f"0 to {document['duration']:.6g} s" in said
+    assert "instants" in document["error"]["message"]
+    if is_written:
+        assert json.loads((folder / "plan.json").read_text())["law"] == document["law"]
 
 
 def test_a_line_of_ones_own_is_planned_with_times_and_speeds_of_the_programs_choice(document):

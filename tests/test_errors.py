@@ -2,7 +2,16 @@
 
 import pytest
 
-from framework.errors import format_distinct, list_names, round_up
+from framework.errors import InvalidInput, format_distinct, list_names, round_up
+
+
+def test_a_copy_of_an_error_has_its_cause_and_leaves_the_context_of_others():
+    cause = ValueError("number")
+    with pytest.raises(InvalidInput) as told:
+        raise InvalidInput("file") from cause
+    assert told.value.adding("line 3").naming("arm").__cause__ is cause
+    other = InvalidInput("file").adding("line 3")
+    assert (other.__cause__, other.__suppress_context__) == (None, False)
 
 
 @pytest.mark.parametrize(

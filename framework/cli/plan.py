@@ -155,8 +155,7 @@ def run_plan(options: Namespace) -> Report:
 def _instants(plan: CrossingPlan, options: Namespace) -> list[dict[str, float]]:
     """Return the columns of motion.csv at the instants of --at, a dictionary an instant.
 
-    Raises:
-        InvalidInput: an instant is beyond a duration that was found; the message says where the plan is.
+    An instant beyond a duration that was found is refused beside the report of the plan.
     """
     if options.at is None:
         return []
@@ -164,8 +163,8 @@ def _instants(plan: CrossingPlan, options: Namespace) -> list[dict[str, float]]:
     try:
         table = plan.samples(at=options.at, columns=options.columns or columns)
     except InvalidInput as error:
-        kept = "" if options.written is None else f"the plan is written to {options.written}"
-        raise error.adding(kept) from None
+        options.refusal = error
+        return []
     return [dict(zip(table.names, row, strict=True)) for row in table.rows.tolist()]
 
 

@@ -226,9 +226,9 @@ def _controller_label(text: str) -> str:
 def _share(text: str) -> float:
     """Parse a share such as 10% or 0.1; an argparse type."""
     try:
-        return arguments.share("share", text)
-    except InvalidInput as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
+        return arguments.share("", text)
+    except InvalidInput:
+        raise argparse.ArgumentTypeError(f"needs a share such as 10% or 0.1, got {text!r}") from None
 
 
 def run_robustness(options: Namespace) -> Report:

@@ -27,7 +27,7 @@ from framework.numerics.arrays import Array
 
 NOISE_SAMPLES = 32  # sequences of noise; the deviation that they cause is known to 1 / sqrt(64) = 12 %
 NOISE_SEED = 20261129
-LOST = 1e15  # deviation in units of z; larger ones are infinite, as the loop diverges
+LOST = 1e15  # deviation in units of z and of torques; larger ones are infinite, as the loop diverges
 
 
 class Plant(NamedTuple):
@@ -110,8 +110,9 @@ def closed_loop_deviation(feedback: Feedback, robots: Sequence[Plant], start: Ar
         for j in range(k, k if observer is None else target):
             ahead = model.F[j] @ ahead + model.G[j] @ (sent[j - delay] if j >= delay else none)
         command = -feedback.gain[target] @ ahead
-        with np.errstate(over="ignore"):  # of a loop that diverges
-            torque[:, k] = (command * command) @ shares
+        is_lost |= ~(np.abs(command).max(axis=(1, 2)) < LOST)  # true for NaN
+        command[is_lost] = 0.0  # later torques would grow from it without end
+        torque[:, k] = (command * command) @ shares
         z[is_lost, k] = torque[is_lost, k] = np.inf
         sent.append(command)
         acting = sent[k - delay] if k >= delay else none

@@ -176,13 +176,15 @@ def forces_of_neighbour(robot: ParallelRobot, balance: LoadedBalance, prescribed
 
     Args:
         balance: gives the multipliers lambda and the configurations from which the loops are closed.
-        prescribed: platform motion and deflections of the neighbouring motion.
+        prescribed: platform motion of the neighbouring motion, with the deflections of the balance.
 
     Raises:
         NotAssembled: the loops do not close along the neighbouring motion.
     """
     columns, units = locked_columns(robot)
-    closed = close_loops(robot, prescribed.x, balance.motion.q)
+    closed = balance.closed
+    if not np.array_equal(prescribed.x, closed.x):  # the law is one of time, not of s
+        closed = close_loops(robot, prescribed.x, closed.q)
     _, load = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)
     multipliers = balance.multipliers * loop_weights(robot)
     loop_forces = matvec(closed.linearised.closures.swapaxes(1, 2), multipliers)

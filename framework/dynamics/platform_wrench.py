@@ -49,7 +49,7 @@ from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 
 class PlatformWrench(NamedTuple):
-    """The required wrench W = bodies + rotors on the platform's axes [N, N m], and G of W = G' tau."""
+    """The wrench W = bodies + rotors that motors must give, W = G' tau, on the platform's axes [N, N m]."""
 
     bodies: Array  # (T, n) W_p = (dq/dv)' r, the part of W due to inertia and weight of all bodies
     rotors: Array  # (T, n) the part of W due to the rotors

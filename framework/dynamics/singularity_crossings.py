@@ -229,7 +229,7 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
 def deformed_crossings(
     result: InverseDynamics, at_rest: tuple[SingularityCrossing, ...]
 ) -> tuple[SingularityCrossing, ...]:
-    """Find the crossings of the deformed robot beside those of the undeformed one.
+    """Find the crossings of the deformed robot beside its crossings at rest, `at_rest`.
 
     The motion is evaluated at each crossing and at a second instant for the slope of g, all as one stack.
     """

@@ -111,7 +111,7 @@ def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: 
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
-    """Compute the terms 1, z, u, z^(1/2) (T, 4) of a law at xi (T,), and derivatives (T, 4, n) by y."""
+    """Compute terms 1, z, u, z^(1/2) (T, 4) of a law, and slopes (T, 4, n) by y, at xi (T,)."""
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
     z_by_y = law.basis.matrix(xi).toarray()
     u_by_y = half_rate * law.basis.matrix(xi, 1).toarray()

@@ -15,12 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from framework.errors import InvalidInput, NoAnswer, check_choice
-from framework.identification.recording import Recording, check_recording, read_recording
+from framework.identification.recording import LINEAR_AXES, Recording, check_recording, read_recording
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import CLEAR_MISFIT, FAULT_RATIO
 
 _SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-_POSITION = {"rad": 1.0, "deg": np.pi / 180.0, "turn": 2.0 * np.pi, "m": 1.0, "mm": 1e-3}
+_ANGLE = {"rad": 1.0, "deg": np.pi / 180.0, "turn": 2.0 * np.pi}
+_LENGTH = {"m": 1.0, "mm": 1e-3}
+_POSITION = {**_ANGLE, **_LENGTH}
 _TORQUE = {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "N": 1.0}
 UNITS = {  # SI values of the units that the columns of a kind may have; the first is the default
     "time": _SECOND,
@@ -28,8 +30,8 @@ UNITS = {  # SI values of the units that the columns of a kind may have; the fir
     "torque": _TORQUE,
     "platform": _POSITION,
     "joint": _POSITION,
-    "distance": _POSITION,
-    "touch": _POSITION,
+    "distance": _LENGTH,
+    "touch": _LENGTH,
 }
 
 
@@ -61,10 +63,9 @@ class Conversions:
             names[i], names[j] = names[j], names[i]
         values = data.values.copy()
         for column, unit in self.units.items():
-            chosen = _columns_of(names, column, "--unit")
-            units = UNITS[_kind_of(names[chosen[0]])]
-            check_choice(f"unit of {column}", unit, units)
-            values[:, chosen] *= units[unit]
+            tables = {k: _units_of(names[k]) for k in _columns_of(names, column, "--unit")}
+            check_choice(f"unit of {column}", unit, {name for table in tables.values() for name in table})
+            values *= [tables[k].get(unit, 1.0) if k in tables else 1.0 for k in range(len(names))]
         for column, sign in self.signs.items():
             if abs(sign) != 1.0:
                 raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
@@ -112,6 +113,14 @@ def _kind_of(column: str) -> str:
     return next(kind for kind in UNITS if column == kind or column.startswith(f"{kind}_"))
 
 
+def _units_of(column: str) -> Mapping[str, float]:
+    """Return the units that a column may have, with their SI values."""
+    kind = _kind_of(column)
+    if kind == "platform" and column != kind:
+        return _LENGTH if column.removeprefix("platform_") in LINEAR_AXES else _ANGLE
+    return UNITS[kind]
+
+
 def _columns_of(names: Sequence[str], column: str, option: str) -> list[int]:
     """Return the indices of the columns that `column` names, in full or by kind."""
     kinds = dict.fromkeys(_kind_of(name) for name in names)
@@ -124,19 +133,20 @@ def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
     for kind in kinds:
         names = [name for name in data.names if _kind_of(name) == kind]
         for column in [kind, *names] if len(names) > 1 else names:
-            for unit, value in UNITS[kind].items():
-                if value != 1.0:
-                    yield Conversions(units={column: unit})
+            some = [column] if column != kind else names  # a unit of all is one that some may have
+            units = {unit: value for name in some for unit, value in _units_of(name).items()}
+            yield from (Conversions(units={column: unit}) for unit, value in units.items() if value != 1.0)
             if kind != "time":
                 yield Conversions(signs={column: -1.0})
-        yield from (Conversions(swaps={one: other}) for one, other in combinations(names, 2))
+        pairs = [pair for pair in combinations(names, 2) if _units_of(pair[0]) is _units_of(pair[1])]
+        yield from (Conversions(swaps={one: other}) for one, other in pairs)
     if "torque" in kinds:  # a motor that turns the other way, or two whose plugs are exchanged
         motors = [name.removeprefix("torque_") for name in data.names if _kind_of(name) == "torque"]
-        pairs = {joint: (f"motor_angle_{joint}", f"torque_{joint}") for joint in motors}
-        for pair in pairs.values():
-            yield Conversions(signs=dict.fromkeys(pair, -1.0))
+        both = {joint: (f"motor_angle_{joint}", f"torque_{joint}") for joint in motors}
+        for columns in both.values():
+            yield Conversions(signs=dict.fromkeys(columns, -1.0))
         for one, other in combinations(motors, 2):
-            yield Conversions(swaps=dict(zip(pairs[one], pairs[other], strict=True)))
+            yield Conversions(swaps=dict(zip(both[one], both[other], strict=True)))
 
 
 def refuse_mistaken_columns(

@@ -20,7 +20,7 @@ from warnings import warn
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotIdentified, check_choice, list_names
+from framework.errors import InvalidInput, NoAnswer, NotIdentified, check_choice, list_names
 from framework.identification.base_parameters import (
     OF_MOTORS,
     BaseParameters,
@@ -32,7 +32,12 @@ from framework.identification.base_parameters import (
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
 from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
-from framework.identification.measured_motion import check_signals, measured_motion, smooth
+from framework.identification.measured_motion import (
+    begin_at_first_row,
+    check_signals,
+    measured_motion,
+    smooth,
+)
 from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.identification.torque_rows import TorqueRows, torque_rows
@@ -484,7 +489,7 @@ def _refuse_mistaken_columns(
     start: Mapping[str, float] | None,
 ) -> None:
     """Raise InvalidInput if one change of a column brings the torques near what the file's bodies need."""
-    max_instants = 100
+    max_instants = 48  # of three equations or more, for one unknown and three of each motor
     max_factor = 4.0  # by which all masses in the file may be off, in either direction
     min_moving = 0.2  # share of the equations at instants whose motors move
     from scipy.optimize import lsq_linear  # slow to import
@@ -505,6 +510,9 @@ def _refuse_mistaken_columns(
     kinds = {"motor_angle": robot.actuator_names, "platform": robot.axis_names}
     signals = [data.columns(kind, names) for kind, names in kinds.items() if data.has(kind, names)]
     lowest_cutoff = min(smooth(times, samples).cutoff for samples in signals)
+    begun = robot
+    with suppress(NoAnswer):
+        begun = begin_at_first_row(robot, data, start or {})
     periods = (1.0 - SAME_PLACE) * lowest_cutoff * np.ptp(times)
 
     def misfit(recording: Recording) -> float:
@@ -515,7 +523,7 @@ def _refuse_mistaken_columns(
         if rows is None or robot.n_a > robot.n:
             cutoff = periods / np.ptp(recording.column("time"))
             measured = measured_motion(
-                robot, recording, cutoff=cutoff, poses=poses, start=start, stride=stride
+                begun, recording, cutoff=cutoff, poses=poses, stride=stride, trial=True
             )
             rows = torque_rows(robot, measured, base, exact_motion=True)
             known[moving] = rows

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,6 +96,7 @@ def measured_motion(
     poses: str | None = None,
     start: Mapping[str, float] | None = None,
     stride: int = 1,
+    trial: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
     """Compute the recorded motion of all joints, with the torques at its samples.
@@ -106,8 +106,10 @@ def measured_motion(
         poses: "motors" computes poses from the motor angles, "platform" from measured platform coordinates,
             which works at Type 2 singularities too. The default is "motors", then "platform" if that fails
             or leads elsewhere than measured.
-        start: joints' positions near the first row [rad, m], see `_begin_at_first_row`.
+        start: joints' positions near the first row [rad, m], see `begin_at_first_row`.
         stride: of the samples whose poses are computed; all are smoothed.
+        trial: whether columns are changed on trial: the motion begins near the reference, and a platform that
+            contradicts the motors is refused.
         progress: called with the number of poses computed from the motors.
 
     Raises:
@@ -120,7 +122,8 @@ def measured_motion(
     times = data.column("time")
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    robot = _begin_at_first_row(robot, data, start or {})
+    if not trial:
+        robot = begin_at_first_row(robot, data, start or {})
     torque = _read_torques(robot, data)[::stride]
     joints = smooth(times, _read_motor_joints(robot, data), cutoff, stride)
 
@@ -140,10 +143,15 @@ def measured_motion(
         x = data.columns("platform", robot.axis_names)[::stride]
         offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (T, n)
         if np.abs(offset).max() > MAX_MOTOR_MISFIT:
+            if trial:
+                raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             motion = None
     if motion is None:
         source = "platform"
         smoothed = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
+        first = (smoothed.values[0, 0] - robot.reference.x) / robot.platform_scale
+        if trial and np.abs(first).max() > 1.0:  # a robot length or a radian away
+            raise InvalidInput(f"{data.source}: the platform begins far from the reference")
         motion = _motion_of_platform(robot, smoothed.values)
         misfit = _motor_misfit(robot, data, motion, joints.values[0])
     return MeasuredMotion(
@@ -222,7 +230,7 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
-def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:
+def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:
     """Return the robot with the pose of the first row as its reference.
 
     The pose is that of joints in `start`, else of columns joint_NAME, else of the measured platform: of its
@@ -256,7 +264,7 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
         with suppress(NoAnswer):
             poses.append(assemble(robot, x).q)
         if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
-            poses += _pose_modes(robot, tuple(x.tolist()))
+            poses += (mode.q for mode in working_modes(robot, np.array(x)).modes)
         q = min(poses, key=misfit, default=robot.reference.q)
         if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
             return robot
@@ -265,12 +273,6 @@ def _begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[st
     frames = frames_at(robot, q[None])
     pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
     return replace(robot, reference=pose)
-
-
-@lru_cache(maxsize=4)
-def _pose_modes(robot: ParallelRobot, x: tuple[float, ...]) -> tuple[Array, ...]:
-    """Find the poses (nq,) of all working modes at platform coordinates x (n,)."""
-    return tuple(mode.q for mode in working_modes(robot, np.array(x)).modes)
 
 
 # ------------------------------------------------------------------ smoothing

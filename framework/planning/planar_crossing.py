@@ -82,9 +82,15 @@ class PlanarCrossing(NamedTuple):
             "motor_speed": G,
             "torque_of_force": g * np.linalg.inv(G.transpose(0, 2, 1)),
         }
-        for gravity in GRAVITY:
-            samples[f"power_{gravity}"] = self._power_terms(gravity, s, closed, measure.motion / scale)
-            samples[f"torque_{gravity}"] = g * self._torque_terms(gravity, s)
+        along = Smoothstep(0)  # sigma = s, so that z is (ds/dt)^2 and u is d2s/dt2
+        for gravity, moved in self.robots.items():
+            branch = replace(self.searched.branch, robot=moved)
+            # powers in the uncontrolled motion of weight and of inertia at ds/dt = 1 and at d2s/dt2 = 1
+            static, centrifugal, inertial, *_ = PathForces.compute(branch, s, closed)  # (M, nv) each
+            forces = np.stack([static, centrifugal, inertial], axis=1)  # (M, 3, nv)
+            samples[f"power_{gravity}"] = np.sum(forces * (measure.motion / scale)[:, None], axis=2)
+            torque = demand(branch, along, s).torque
+            samples[f"torque_{gravity}"] = g * np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
         return samples
 
     def _twist_scale(self, nearest: Array) -> float:
@@ -100,32 +106,6 @@ class PlanarCrossing(NamedTuple):
         _measure, twist = _measure_with_twist(robot, branch.close(np.array([s])))
         direction = sign_along(nearest, branch.path(s, 1))
         return twist_norm(robot, twist[0]) * direction
-
-    def _torque_terms(self, gravity: str, s: Array) -> Array:
-        """Compute the torques (M, 3, n_a) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
-
-        `gravity` is "off" or "on".
-        """
-        branch = replace(self.searched.branch, robot=self.robots[gravity])
-        identity = Smoothstep(0)  # sigma = s, so that z is (ds/dt)^2 and u is d2s/dt2
-        torque = demand(branch, identity, s).torque
-        return np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
-
-    def _power_terms(self, gravity: str, s: Array, closed: ClosedStack, motion: Array) -> Array:
-        """Compute t_s . W_p (M, 3) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
-
-        They are the powers of these forces of the open tree in the uncontrolled motion: weight, inertia at
-        ds/dt = 1, and inertia at d2s/dt2 = 1.
-
-        Args:
-            gravity: "off" or "on".
-            closed: the poses at s.
-            motion: joint rates (M, nv) of the uncontrolled motion.
-        """
-        branch = replace(self.searched.branch, robot=self.robots[gravity])
-        static, centrifugal, inertial, *_ = PathForces.compute(branch, s, closed)
-        forces = np.stack([static, centrifugal, inertial], axis=1)  # (M, 3, nv)
-        return np.sum(forces * motion[:, None], axis=2)
 
 
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:

@@ -189,8 +189,10 @@ def _find_balanced_law(
 ) -> tuple[Law, KnownDeflections]:
     """Solve for law and deflections together, if passes of the deflections do not converge.
 
-    Deflections in balance with the forces of a law move the crossings along the path, so that the law misses
-    them. Law and deflections are solved for again until the law passes the crossings at their times.
+    Unknown are the deflections as functions of time and c (k,) [1/s^2], by which s" at the crossings differs
+    from the s" of condition (8) at the last deflections. Deflections in balance with the forces of a law move
+    the crossings along the path, so that the law misses them. Law and deflections are solved for again until
+    the law passes the crossings at their times.
 
     Args:
         tracker: follows the crossings to the deflections.
@@ -204,54 +206,33 @@ def _find_balanced_law(
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
     max_balances = 40  # of law and deflections
-    crossings = to_cross.crossing_points
-    deflections: KnownDeflections | None = None
+    acceleration_step = 1e-4  # of differences in s" at a crossing, times the duration squared
+    branch, crossings = to_cross.branch, to_cross.crossing_points
+    unchanged = np.zeros(len(crossings))  # (k,) [1/s^2]
+    steps = unchanged + acceleration_step / request.fixed_duration**2
+    deflections: KnownDeflections | None = None  # of the last law
+    edges = np.empty(0)  # of the panels of all laws through the last crossings
+
+    def law_of(c: Array) -> Law:
+        """Return the polynomial through the last crossings with s" changed by c (k,) [1/s^2]."""
+        return _solve_law(crossings, timing, request, high, c)
+
+    def law_on_panels(c: Array) -> InTime:
+        """Return the same with its panels."""
+        return InTime(law_of(c), edges)
+
     for _ in range(max_balances):
-        law, deflections = _balance_accelerations(to_cross, request, timing, crossings, deflections, high)
+        edges = panel_edges(branch, law_of(unchanged))
+        if deflections is not None and not np.array_equal(deflections.splines.panels, edges):
+            deflections = None  # its panels end elsewhere
+        balance = solve_balance(branch, law_on_panels, steps, deflections)
+        law, deflections = law_of(balance.scalars), balance.deflections
         crossings = tracker.follow(deflections.evaluate)
         s = np.array([point.s for point in crossings])  # (k,)
         miss = float(np.abs(law(tracker.times) - s).max(initial=0.0))
         if miss <= LAW_ROOT_ROUNDING:
             return law, deflections
     raise NotConverged(f"the polynomial misses the crossings by {miss:.2g} in s", residual=miss)
-
-
-def _balance_accelerations(
-    to_cross: PathToCross,
-    request: Request,
-    timing: Sequence[CrossingTime],
-    crossings: Sequence[SingularPoint],
-    start: KnownDeflections | None,
-    high: Array,
-) -> tuple[Law, KnownDeflections]:
-    """Solve for deflections in balance, and for s" at the crossings, at given s and s'.
-
-    Unknown are the deflections as functions of time and c (k,) [1/s^2], by which s" at the crossings differs
-    from the s" of condition (8) at the last deflections. `solve_balance` solves for both.
-
-    Args:
-        crossings: the k points, whose s the law passes, each with its condition (8).
-        timing: times and speeds s' of the crossings.
-        start: deflections at which the iteration begins; None for springs at rest.
-        high: coefficients of the law above its least degree.
-
-    Returns:
-        The law, and the deflections in balance with its forces.
-    """
-    acceleration_step = 1e-4  # of differences in s" at a crossing, times the duration squared
-    branch = to_cross.branch
-
-    def law_of(c: Array) -> Law:
-        """Return the polynomial with s" at the crossings changed by c (k,) [1/s^2]."""
-        return _solve_law(crossings, timing, request, high, c)
-
-    unchanged = np.zeros(len(crossings))  # (k,) [1/s^2]
-    edges = panel_edges(branch, law_of(unchanged))  # the same panels for all c
-    difference_steps = unchanged + acceleration_step / request.fixed_duration**2  # (k,) [1/s^2]
-    if start is not None and not np.array_equal(start.splines.panels, edges):
-        start = None  # its panels end elsewhere
-    balance = solve_balance(branch, lambda c: InTime(law_of(c), edges), difference_steps, start)
-    return law_of(balance.scalars), balance.deflections
 
 
 def _solve_law(

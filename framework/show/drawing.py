@@ -129,11 +129,31 @@ def draw_scale_bar(ax: Axes, length: float) -> None:
 
 
 def project_faces(robot: ParallelRobot, q: Array, sight: Sight) -> list[Face]:
-    """Project the faces of all solids at q (nq,) onto the paper, farthest first."""
+    """Project the faces of all solids at q (nq,) onto the paper, farthest first.
+
+    The F triangles of a mesh are shaded: 55 % ambient light, 45 % by the angle to the light, on both sides.
+    """
+    onto = sight.onto
+    light = LIGHT_DIRECTION / np.linalg.norm(LIGHT_DIRECTION)
     poses = joint_poses(robot, q[None])[0]  # (joints, 7) position and quaternion of each
     faces: list[Face] = []
     for shape in sight.shapes:
-        faces += _project_shape(shape, poses[shape.node], sight.onto)
+        joint = poses[shape.node]
+        color = np.array(shape.color, dtype=float)  # (4,) opacity last
+        if shape.vertices is None or shape.faces is None:
+            center = carried_points(joint, shape.to_node(np.zeros((1, 3))))[0]
+            outline = _project_outline(shape, joint, onto)
+            faces.append(Face(float(center @ onto.ahead), shape.node, outline, color))
+            continue
+        corners = carried_points(joint, shape.to_node(shape.vertices))[shape.faces]  # (F, 3, 3)
+        first, second, third = corners.swapaxes(0, 1)  # (F, 3) each
+        normals = np.cross(second - first, third - first)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), LEAST_DIVISOR)
+        shades = np.tile(color, (len(corners), 1))
+        shades[:, :3] *= 0.55 + 0.45 * np.abs(normals @ light)[:, None]
+        depths = corners.mean(axis=1) @ onto.ahead  # (F,)
+        for depth, outline, shade in zip(depths, onto(corners), shades, strict=True):
+            faces.append(Face(depth, shape.node, outline, shade))
     return sorted(faces, key=lambda face: -face.depth)
 
 
@@ -141,33 +161,6 @@ def _axis_name(direction: Array) -> str:
     """Name the base axis nearest to a direction (3,), with its sign."""
     axis = np.argmax(np.abs(direction))
     return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
-
-
-def _project_shape(shape: Shape, joint: Array, onto: Projection) -> list[Face]:
-    """Project the faces of a shape, carried by its joint at the pose (7,)."""
-    color = np.array(shape.color, dtype=float)
-    if shape.vertices is not None and shape.faces is not None:
-        vertices = carried_points(joint, shape.to_node(shape.vertices))
-        return _project_triangles(shape.node, vertices[shape.faces], color, onto)
-    center = carried_points(joint, shape.to_node(np.zeros((1, 3))))[0]
-    return [Face(float(center @ onto.ahead), shape.node, _project_outline(shape, joint, onto), color)]
-
-
-def _project_triangles(node: int, corners: Array, color: Array, onto: Projection) -> list[Face]:
-    """Project and shade the triangles of a mesh by their corners (F, 3, 3); `color` (4,) has the opacity."""
-    first, second, third = corners.transpose(1, 0, 2)  # each (F, 3)
-    normals = np.cross(second - first, third - first)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.maximum(lengths, LEAST_DIVISOR)
-    light = LIGHT_DIRECTION / np.linalg.norm(LIGHT_DIRECTION)
-    shades = np.tile(color, (len(corners), 1))
-    # 55 % ambient light, 45 % by the angle to the light, on both sides; opacity unchanged
-    shades[:, :3] *= 0.55 + 0.45 * np.abs(normals @ light)[:, None]
-    depths = corners.mean(axis=1) @ onto.ahead  # (F,) [m] along the line of sight
-    return [
-        Face(depth, node, outline, shade)
-        for depth, outline, shade in zip(depths, onto(corners), shades, strict=True)
-    ]
 
 
 def _project_outline(shape: Shape, joint: Array, onto: Projection) -> Array:
@@ -193,24 +186,18 @@ def convex_hull(points: Array) -> Array:
     right; the chain to the right is the lower side of the hull, the chain back is the upper side.
     """
     ordered = sorted(points.tolist())
-    return np.array(_chain_left_turns(ordered) + _chain_left_turns(ordered[::-1]))
-
-
-def _chain_left_turns(points: list[list[float]]) -> list[list[float]]:
-    """Return one side of the hull of sorted points, without its last point."""
-    chain: list[list[float]] = []
-    for point in points:
-        while len(chain) > 1 and not _turns_left(chain[-2], chain[-1], point):
-            chain.pop()
-        chain.append(point)
-    return chain[:-1]
-
-
-def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
-    """Return whether the path from a over b to c turns left at b."""
-    first_x, first_y = b[0] - a[0], b[1] - a[1]
-    second_x, second_y = c[0] - a[0], c[1] - a[1]
-    return first_x * second_y - first_y * second_x > 0  # the cross product of both vectors from a
+    hull: list[list[float]] = []
+    for one_way in (ordered, ordered[::-1]):
+        chain: list[list[float]] = []  # it turns left at each point
+        for x, y in one_way:
+            while len(chain) > 1:
+                (a_x, a_y), (b_x, b_y) = chain[-2:]
+                if (b_x - a_x) * (y - a_y) - (b_y - a_y) * (x - a_x) > 0:  # a, b, (x, y) turn left at b
+                    break
+                chain.pop()
+            chain.append([x, y])
+        hull += chain[:-1]  # the last point begins the other side
+    return np.array(hull)
 
 
 COLUMNS = 5

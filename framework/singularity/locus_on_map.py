@@ -26,7 +26,7 @@ from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import least_singular_values
-from framework.singularity.curve_tracing import LocusEquations, chord_offsets
+from framework.singularity.curve_tracing import STALLED, LocusEquations, chord_offsets
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
@@ -215,7 +215,9 @@ def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> li
         longest=reach / steps_per_reach,
         with_cusps=False,
     )
-    return [curve for curve in traced.curves if curve.kind != "joints_only"]
+    # where the equations lose rank no step leads on, or one by rounding and then none
+    curves = [curve for curve in traced.curves if curve.ends != STALLED or len(curve.q) > 2]
+    return [curve for curve in curves if curve.kind != "joints_only"]
 
 
 # ------------------------------------------------------------------ the map's signs

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.closures import loop_curvature
+from framework.kinematics.closures import loop_force_changes
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     instantaneous_motions,
@@ -24,8 +24,9 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array
-from framework.numerics.ordered_sums import least_singular_values, singular_values
+from framework.numerics.ordered_sums import cross, least_singular_values, singular_values
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
@@ -106,8 +107,7 @@ def uncontrolled_space(
         at_least: least number of motions to return, even if their singular values are not small.
     """
     P = passive_matrix(robot, linearised)[0]
-    # (c, n_p) dimensionless passive rates; none without passive joints
-    null_vectors = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
+    null_vectors = null_directions(P, at_least=min(at_least, P.shape[1]))  # (c, n_p) dimensionless rates
     corank = len(null_vectors)  # c
     motions = passive_motion(robot, null_vectors)  # (c, nv)
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
@@ -139,7 +139,7 @@ def uncontrolled_space(
 
 def _count_rank(rows: Array) -> int:
     """Count the singular values of dimensionless rows (k, n) above RANK_LOST."""
-    return int((singular_values(rows) > RANK_LOST).sum()) if rows.size else 0
+    return int((singular_values(rows) > RANK_LOST).sum())
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:
@@ -225,8 +225,9 @@ def measure_gradient(
 ) -> MeasureGradient:
     """Compute g and dg/dq (T, nv) at configurations with a square P.
 
-    In dg = -psi' dP eta, psi' dP are the changes of the loop forces on the passive joints under constant
-    multipliers psi.
+    With the loop forces f = J' psi at constant multipliers, -dg/dq_j = psi' (dP/dq_j) eta = sum of eta_i
+    df_i/dq_j. Derivatives of psi . F along two joints may be exchanged, so this is df_j along eta: one motion
+    instead of one for each joint. Only turns about two axes of a ball do not commute, which adds eta x f.
 
     Args:
         border: b and c, (n_p, 1) for all or (T, n_p, 1); by default each configuration has that of its P.
@@ -238,8 +239,13 @@ def measure_gradient(
     transposed_border = Border(border.c, border.b, border.values)
     psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
     multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
-    force_changes = loop_curvature(
-        robot, robot.spanning_loops, linearised.frames, linearised.spread(multipliers)
-    )  # (T, nv, nv)
-    by_q = -np.vecmat(passive_motion(robot, eta), force_changes)
-    return MeasureGradient(solution.G[:, 0, 0], eta, by_q)
+    motion = passive_motion(robot, eta)  # (T, nv)
+    wrenches, spread = linearised.wrenches[:, robot.n :], linearised.spread(multipliers)
+    changes = loop_force_changes(
+        robot, robot.spanning_loops, linearised.frames, wrenches, spread, motion[:, None]
+    )[:, 0]  # (T, nv) of f along eta
+    balls = ball_columns(robot.model)  # (b, 3)
+    if len(balls):
+        forces = np.vecmat(multipliers, linearised.closures)  # f (T, nv)
+        changes[:, balls] += cross(motion[:, balls], forces[:, balls])
+    return MeasureGradient(solution.G[:, 0, 0], eta, -changes)

@@ -1,6 +1,7 @@
 """The linear model about a plan, against the robot's own motion; lqr and lqg on it, and what is predicted."""
 
 import importlib.util
+import warnings
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -272,6 +273,19 @@ def test_of_a_filtered_number_the_deviation_is_that_of_its_closed_form():
     z = closed_loop_deviation(feedback, [plant], np.zeros(1)).z[0, 100:, 0]
     np.testing.assert_allclose((z**2).mean(), variance, rtol=0.05)
     assert z.std() < 0.2 * np.sqrt(variance)  # 32 samples
+
+
+def test_a_loop_that_diverges_is_infinite_without_a_warning_and_leaves_the_others_alone():
+    """Feedback of the wrong sign, a period late: z+ = z + 100 u, u = z as predicted through the delay."""
+    one = np.ones((400, 1, 1))
+    model, held = Plant(one, 100 * one, one, 0 * one), Plant(one, 0 * one, one, 0 * one)
+    feedback = Feedback(-one, 1, Observer(model, one, np.ones(1)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        deviation = closed_loop_deviation(feedback, [model, held], np.ones(1))
+    assert np.isinf(deviation.z[0, -1]).all()
+    assert np.isinf(deviation.torque[:, -1]).all()  # also of the robot that torques do not move
+    np.testing.assert_allclose(deviation.z[1, :5, 0], 1.0)
 
 
 def test_a_robot_with_other_springs_is_read_by_its_own_readings():

@@ -314,6 +314,7 @@ EXCHANGED = tuple(zip(LEFT_MOTOR, RIGHT_MOTOR, strict=True))  # angles, torques
         pytest.param(
             scale([2, 4], -1.0), Conversions(signs=dict.fromkeys(RIGHT_MOTOR, -1)), marks=pytest.mark.slow
         ),
+        pytest.param(scale([5, 6], 1e3), Conversions(units={"platform": "mm"}), marks=pytest.mark.slow),
         pytest.param(exchange([1, 2]), Conversions(swaps=dict(EXCHANGED[:1])), marks=pytest.mark.slow),
         pytest.param(exchange([3, 4]), Conversions(swaps=dict(EXCHANGED[1:])), marks=pytest.mark.slow),
         pytest.param(exchange([1, 3, 4, 2]), Conversions(swaps=dict(EXCHANGED)), marks=pytest.mark.slow),

@@ -143,6 +143,12 @@ def test_columns_are_converted_as_declared_and_rows_counted_as_in_a_spreadsheet(
     np.testing.assert_allclose(converted.column("time"), [0.0, 1e-4, 2e-4])
     np.testing.assert_allclose(converted.column("motor_angle_left_motor"), np.radians([63.5, 63.6, 63.7]))
     np.testing.assert_array_equal(converted.column("torque_left_motor"), [-0.2] * 3)
+    # a unit of the platform is that of its lengths, or of its turns
+    poses = Recording("poses", ("platform_x", "platform_rz"), np.array([[20.0, 90.0]]))
+    both = Conversions(units={"platform": "mm", "platform_rz": "deg"}).convert(poses)
+    np.testing.assert_allclose(both.values, [[0.02, np.pi / 2.0]])
+    with pytest.raises(InvalidInput, match="unknown unit of platform_x 'deg'"):
+        Conversions(units={"platform_x": "deg"}).convert(poses)
     for wrong, message in (
         (Conversions(units={"torque": "deg"}), "unknown unit of torque 'deg'"),
         (Conversions(signs={"torque": 2.0}), "needs 1 or -1"),

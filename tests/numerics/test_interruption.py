@@ -63,7 +63,7 @@ COMMANDS = {
         "--no-open",
     ],
     "robustness": STUDY,
-    "robustness with workers": [*STUDY, "--workers", "2"],
+    "robustness with workers": [*STUDY, "--workers", "3"],
 }
 pytestmark = pytest.mark.usefixtures("hearing")
 AT_ONCE = [("plan", signal.SIGTERM)]
@@ -231,7 +231,7 @@ def test_no_worker_outlives_the_command(tmp_path, number):
 @pytest.mark.slow
 @needs_proc
 def test_a_worker_that_is_killed_costs_no_run(tmp_path):
-    arguments = [*STUDY[:-4], "--period", "2e-2", "--runs", "4", "--workers", "2", "--json"]
+    arguments = [*STUDY[:-4], "--period", "2e-2", "--runs", "4", "--workers", "3", "--json"]
     with begun(arguments) as process:
         os.kill(wait_for(lambda: workers(process.pid, 2))[0], signal.SIGKILL)
         out, err = process.communicate(timeout=PATIENCE)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from framework import InvalidInput, LostWorkers, NotAssembled, errors
-from framework.numerics.tasks import MAX_TRIES, Workers
+from framework.numerics.tasks import MAX_TRIES, Workers, iterate_results
 from tests.numerics import chores
 from tests.watchdog import PATIENCE, wait_for
 
@@ -85,6 +85,17 @@ def test_a_task_that_kills_each_process_is_given_up_and_the_others_are_not(worke
     with pytest.raises(LostWorkers, match="killed"):
         workers.submit(chores.die, str(tmp_path), 100).result()
     assert workers.submit(chores.square, 3).result() == 9
+
+
+def test_what_waits_for_a_busy_process_is_done_here(tmp_path):
+    one = Workers(1)
+    one.submit(chores.sleep, str(tmp_path / "note"))
+    tasks = {str(number): number for number in range(5)}
+    try:
+        found = dict(iterate_results(chores.square, tasks, one))
+    finally:
+        one.stop()
+    assert found == {name: number**2 for name, number in tasks.items()}
 
 
 def test_leaving_by_an_error_ends_processes_and_tasks_at_once(tmp_path):

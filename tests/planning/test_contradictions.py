@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+import robots
 from framework import NoLaw, ParallelRobot, plan_crossing
 from framework.model.description import RobotDescription, Scene
 from framework.planning.optimal.peak_bound import bound_plan
@@ -101,6 +102,36 @@ def test_no_law_of_a_required_duration_is_beaten_nor_at_the_times_of_another(k):
     asked += [Asked("energy", duration=ratio * one.duration) for ratio in (1.0, 5.0)]
     asked.append(Asked("peak_torque", duration=5.0 * one.duration))
     assert contradictions([free, *(answer_of(one, each) for each in asked)]) == []
+
+
+def of_catalogue(name: str, scene: str, flexibility: str) -> Crossing:
+    """A robot of the catalogue with its springs, on the path of a scene."""
+    robot = robots.load(name, flexibility=flexibility)
+    chosen = robot.description.scenes[scene]
+    return Crossing(f"{name} {flexibility}", robot, scene_path(chosen), chosen.duration)
+
+
+@pytest.mark.slow
+def test_no_law_of_an_elastic_robot_is_beaten():
+    """Nor by that of other limits, nor by the quickest one's in its own duration."""
+    one = of_catalogue("five_bar", "C", "flexible_joints")
+    least = answer_of(one, Asked("peak_torque", duration=one.duration))
+    quickest = answer_of(one, Asked("time", torque_limit=1.3 * least.peak))
+    assert least.plan is not None
+    assert quickest.plan is not None
+    asked = [Asked("energy", duration=one.duration, torque_limit=ratio * least.peak) for ratio in (1.25, 1.6)]
+    asked += [Asked("energy", duration=one.duration), Asked("peak_torque", duration=quickest.duration)]
+    assert contradictions([least, quickest, *(answer_of(one, each) for each in asked)]) == []
+
+
+@pytest.mark.slow
+def test_stiff_links_that_carry_inertia_hardly_raise_the_least_peak():
+    """The first law of such a robot is slow at its ends, and a better one replaces it."""
+    peaks = [
+        least_peak(of_catalogue("biglide", "across", flexibility)).peak
+        for flexibility in ("rigid", "flexible_links")
+    ]
+    assert peaks[1] < 1.04 * peaks[0]
 
 
 @pytest.mark.slow

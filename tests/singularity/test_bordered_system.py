@@ -6,10 +6,12 @@ import pytest
 
 import robots
 from framework import Line, track_path
-from framework.kinematics.linearised_loops import type2_matrix
+from framework.kinematics.frames import integrate
+from framework.kinematics.linearised_loops import linearised_at, passive_matrix, type2_matrix
 from framework.planning.scenes import scene_path
 from framework.singularity.bordered_system import Border, determinant, solve_bordered
-from framework.singularity.type2 import singularity_measure
+from framework.singularity.type2 import measure_gradient, singularity_measure
+from tests.dynamics.test_dynamics_derivatives import on_balls
 
 
 def matrix(seed: int, values) -> np.ndarray:
@@ -118,3 +120,23 @@ def test_a_robot_of_motors_alone_has_nothing_to_escape():
     measure = singularity_measure(robot, linearised_on(robot, scene_path(robot.description.scenes["lift"])))
     np.testing.assert_array_equal(measure.g, 1.0)
     np.testing.assert_array_equal(measure.motion, 0.0)
+
+
+@pytest.mark.parametrize("name", ["delta", "balls"])
+def test_the_gradient_of_g_is_that_of_differences(name):
+    """Turns about two axes of a ball do not commute; without that term it is wrong by a fiftieth."""
+    robot = robots.load(name) if name == "delta" else on_balls()
+    step, rng = 1e-3 * robot.column_scale, np.random.default_rng(5)
+    q = integrate(
+        robot, robot.reference.q[None], 0.1 * robot.column_scale * rng.standard_normal((1, robot.nv))
+    )
+    border = Border.of(passive_matrix(robot, linearised_at(robot, q)))
+
+    def g(offsets):
+        moved = linearised_at(robot, integrate(robot, np.repeat(q, len(offsets), axis=0), offsets))
+        return solve_bordered(passive_matrix(robot, moved), border).G[:, 0, 0]
+
+    near, far = (g(k * np.diag(step)) - g(-k * np.diag(step)) for k in (1, 2))
+    expected = (8 * near - far) / (12 * step)  # fourth order
+    found = measure_gradient(robot, linearised_at(robot, q), border).by_q[0]
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())

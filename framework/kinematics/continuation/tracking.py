@@ -73,7 +73,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     """Close the robot's loops at the reference, or with the platform at x (n,).
 
     Raises:
-        InvalidInput: x has the wrong length or is not finite.
+        InvalidInput: x has the wrong length is not finite, or is more than MAX_TURNS away.
         NotAssembled: the loops do not close at the reference.
         OutOfReach, Type1Singularity: x cannot be reached from the reference in its working mode.
     """
@@ -98,6 +98,7 @@ def _follow_from_reference(robot: ParallelRobot, x: Array) -> FollowedPath:
     """Follow the straight way from the reference to x (n,), in the working mode of the reference."""
     way = Line(robot.reference.x, x)
     start = linearised_at_reference(robot)
+    _check_turns(robot, way)
     return _follow_to_end(robot, way, start, "the way from the reference to the point")
 
 
@@ -132,7 +133,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 
 
 def _check_turns(robot: ParallelRobot, path: Path) -> None:
-    """Refuse a path on which a coordinate of the platform turns by more than MAX_TURNS."""
+    """Raise InvalidInput if a coordinate of the platform turns by more than MAX_TURNS."""
     if robot.translations.all():
         return
     travel = np.abs(np.diff(path(np.linspace(0.0, 1.0, 201)), axis=0)).sum(axis=0)  # (n,) [m, rad]

@@ -39,6 +39,7 @@ from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_balance import find_law_in_balance, measure_rest
 from framework.planning.optimal.law_problem import LawProblem
+from framework.planning.optimal.least_cost import NoneFound, cost_of, find_least_cost
 from framework.planning.optimal.least_softening import find_least_softening
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
@@ -75,6 +76,7 @@ MAX_WORSENING = 3.0  # of a motion after an allowed one (`Iterate.worst`), to co
 NEXT_SHARE, PART_OF_GAIN = 2e-3, 0.25
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
 WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 5e-3
+CAP_REACHED = 0.98  # largest squared speed of a first law over its cap, from which the cap may raise the cost
 FAILURES = (NoLaw, NotAssembled, NotConverged, UnboundedTorque)  # of a law; another one may do
 
 
@@ -343,7 +345,7 @@ class ElasticSearch:
         yield about
         base = about if about.worst <= NEARLY_ALLOWED else None  # to return to after a failure
         best = about if about.worst <= 1.0 else None
-        if best is not None and about.motion.has_predicted_peak and law.gap < WORTHWHILE_GAP:
+        if best is not None and about.motion.has_predicted_peak and _is_near_least(law):
             return  # deflections change nothing
         trust = FIRST_TRUST if about.response.holds_rest else np.inf
         share = 1.0 - LIMIT_MARGIN  # what is left for torques that are not linear
@@ -484,6 +486,20 @@ class ElasticSearch:
                 name=self.task.robot.name,
                 evidence=least,
             )
+
+
+def _is_near_least(law: Best) -> bool:
+    """Return whether a first law costs little more than the least, also than without a cap of its speed."""
+    if law.gap >= WORTHWHILE_GAP:
+        return False
+    problem = law.program.problem
+    cap = problem.max_squared_speed
+    if (law.program.positive_rows @ law.speed.y).max() < CAP_REACHED * cap:
+        return True
+    least = find_least_cost(problem._replace(max_squared_speed=np.inf), units=law.search.units)
+    return isinstance(least, NoneFound) or law.cost < (1.0 + WORTHWHILE_GAP) * cost_of(
+        law.search.goal, least.speed
+    )
 
 
 def _repeats(start: Start, law: Best, former_start: Start, former_law: Best) -> bool:
