@@ -73,7 +73,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     """Close the robot's loops at the reference, or with the platform at x (n,).
 
     Raises:
-        InvalidInput: x has the wrong length is not finite, or is more than MAX_TURNS away.
+        InvalidInput: x has the wrong length, is not finite, or is more than MAX_TURNS away.
         NotAssembled: the loops do not close at the reference.
         OutOfReach, Type1Singularity: x cannot be reached from the reference in its working mode.
     """
