@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -234,14 +234,10 @@ def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Pa
 
     One PDF embeds its fonts once. A PDF for each drawing would spend more time on fonts than on drawing.
     """
-    from fontTools.subset import Options  # takes time to import
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages
-
-    # glyphs are embedded by their numbers, so tables that choose them for scripts and ligatures are of no use
-    Options._drop_tables_default = [*{*Options._drop_tables_default, "GDEF", "GPOS", "GSUB", "MATH", "kern"}]
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages  # takes time to import
 
     files = [document]
-    with use_style(), PdfPages(document, metadata=_METADATA["pdf"]) as pages:
+    with use_style(), _fonts_without_layout(), PdfPages(document, metadata=_METADATA["pdf"]) as pages:
         for name, draw in drawings.items():
             drawing = draw().figure
             assert isinstance(drawing, Figure)
@@ -250,6 +246,25 @@ def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Pa
             drawing.set_layout_engine("none")  # keep the layout of the PNG
             FigureCanvasPdf(drawing).print_pdf(pages)  # type: ignore[no-untyped-call]
     return files
+
+
+@contextmanager
+def _fonts_without_layout() -> Iterator[None]:
+    """Embed fonts without the tables that choose glyphs for scripts and ligatures.
+
+    Matplotlib embeds glyphs by their numbers and needs no such tables, but leaves no choice of them.
+    """
+    from fontTools.subset import Options  # takes time to import
+
+    default = getattr(Options, "_drop_tables_default", None)  # private; a release without it embeds all
+    if default is None:
+        yield
+        return
+    Options._drop_tables_default = [*default, "GDEF", "GPOS", "GSUB", "MATH", "kern"]
+    try:
+        yield
+    finally:
+        Options._drop_tables_default = default
 
 
 def figure_file(drawing: FigureBase, kind: str, *, dpi: float = DPI) -> bytes:

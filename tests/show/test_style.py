@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from fontTools.subset import Options
 
 from framework.show import style
 from framework.show.plots import MISSES, THREADS
@@ -113,3 +114,11 @@ def test_pages_have_no_colours_of_their_own():
 def test_text_is_readable_on_dark_pages(name):
     for ground in ("paper", "ground"):
         assert contrast(DARK_COLORS[name], DARK_COLORS[ground]) >= READABLE
+
+
+def test_fonts_of_others_keep_their_layout():
+    """A program that draws our figures may write PDFs of its own, in scripts that need these tables."""
+    tables = Options().drop_tables
+    with style._fonts_without_layout():
+        assert {"GPOS", "GSUB", *tables} <= {*Options().drop_tables}
+    assert Options().drop_tables == tables
