@@ -122,3 +122,15 @@ def test_fonts_of_others_keep_their_layout():
     with style._fonts_without_layout():
         assert {"GPOS", "GSUB", *tables} <= {*Options().drop_tables}
     assert Options().drop_tables == tables
+
+
+def test_twins_share_their_place_and_a_legend_above_takes_some():
+    upper, lower = style.new_figure(2)
+    twin = upper.twinx()
+    upper.plot([0, 1], label="line")
+    upper.figure.legend()  # above, by default
+    upper.figure.get_layout_engine().execute(upper.figure)
+    place = upper.get_position()
+    np.testing.assert_array_equal(twin.get_position().get_points(), place.get_points())
+    assert place.height == pytest.approx(lower.get_position().height)
+    assert 0.0 < lower.get_position().y0 < lower.get_position().y1 < place.y0 < place.y1 < 0.97
