@@ -172,19 +172,22 @@ def check_signals(robot: ParallelRobot, data: Recording) -> None:
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most other
     samples: no motor starts or stops between two samples. A spike is a sample far from the median of itself
-    and its neighbours, which steps of friction leave alone.
+    and its neighbours, which steps of friction leave alone. Both are looked for beside gaps in time only,
+    over which a fast motor makes whole turns.
     """
     turn = 2.0 * np.pi
     spread = 0.99  # share of the samples whose distance from the median is noise
     least_spike = 0.05  # of the column's range, above counts of an encoder
-    data.column("time")
+    largest_step = 1.5  # of time, over the median step; longer ones are gaps
+    time_steps = np.diff(data.column("time"))
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
+    is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
     kinds = ("motor_angle", "torque")
     names = [f"{kind}_{joint}" for kind in kinds for joint in robot.actuator_names]
     columns = np.hstack([data.columns(kind, robot.actuator_names) for kind in kinds])  # (T, 2 n_a)
     for name, values in zip(names, columns.T, strict=True):
-        steps = np.abs(np.diff(values))
+        steps = np.where(is_usual, np.abs(np.diff(values)), 0.0)
         turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
         others = np.delete(steps, turns)
         if name.startswith("motor") and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
@@ -193,7 +196,7 @@ def check_signals(robot: ParallelRobot, data: Recording) -> None:
                 f"--unwrap {name} counts on"
             )
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
-        distance = np.abs(values[1:-1] - beside)
+        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)
         limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values))
         spikes = 1 + np.flatnonzero(distance > limit)
         if len(spikes):
