@@ -137,6 +137,14 @@ def test_angles_that_begin_anew_are_declared_and_spikes_are_named_by_their_rows(
         values[[70, 300], column] += spike
         with pytest.raises(InvalidInput, match=f"sample 71, sample 301: a spike, {data.names[column]} is"):
             check_signals(ROBOT, replace(counted, values=values))
+    # a tracker's glitch blames no motor, and motors do without it
+    x = 0.2 + 0.05 * np.cos(times)
+    x[200] += 0.5
+    names = (*counted.names, "platform_x", "platform_y")
+    tracked = replace(counted, names=names, values=np.column_stack([counted.values, x, times]))
+    with pytest.raises(InvalidInput, match="sample 201: a spike, platform_x is"):
+        check_signals(ROBOT, tracked)
+    check_signals(ROBOT, tracked, "motors")
 
 
 def test_columns_are_converted_as_declared_and_rows_counted_as_in_a_spreadsheet(tmp_path):
