@@ -172,7 +172,7 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most other
     samples: no motor starts or stops between two samples. A spike is a sample far from the median of itself
-    and its neighbours, which steps of friction leave alone. Both are looked for beside gaps in time only,
+    and its neighbours, which steps of friction leave alone. Neither is looked for at gaps in time,
     over which a fast motor makes whole turns. The platform is checked unless `poses` leave it out.
     """
     turn = 2.0 * np.pi
