@@ -7,6 +7,7 @@ declares the change.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -71,7 +72,10 @@ class Conversions:
                 raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
             values[:, _columns_of(names, column, "--sign")] *= sign
         for column in self.unwrapped:
-            angles = _columns_of(names, column, "--unwrap")
+            chosen = _columns_of(names, column, "--unwrap")
+            angles = [k for k in chosen if "rad" in _units_of(names[k])]
+            if not angles:
+                raise InvalidInput(f"--unwrap {column}: has no angles")
             values[:, angles] = np.unwrap(values[:, angles], axis=0)
         for column, zero in self.zeros.items():
             values[:, _columns_of(names, column, "--zero")] -= zero
@@ -89,7 +93,8 @@ class Conversions:
         words = []
         for option, pairs in options.items():
             values = {k: v if isinstance(v, str) else f"{v:g}" for k, v in pairs.items()}
-            words += [option, *(f"{column}={value}" for column, value in values.items())] if pairs else []
+            pairs_in_words = [shlex.quote(f"{column}={value}") for column, value in values.items()]
+            words += [option, *pairs_in_words] if pairs else []
         return " ".join([*words, *(["--unwrap", *self.unwrapped] if self.unwrapped else [])])
 
 
@@ -104,6 +109,8 @@ def load_recording(
     conversions = conversions or Conversions()
     if not isinstance(data, Recording):
         data = read_recording(robot, data, headers=conversions.headers)
+    elif conversions.headers:
+        raise InvalidInput("--column: names columns of a file, and this recording has been read")
     check_recording(data)
     return conversions.convert(data)
 
