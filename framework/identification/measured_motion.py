@@ -172,12 +172,14 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most other
     samples: no motor starts or stops between two samples. A spike is a sample far from the median of itself
-    and its neighbours, which steps of friction leave alone. Neither is looked for at gaps in time,
-    over which a fast motor makes whole turns. The platform is checked unless `poses` leave it out.
+    and its neighbours, which steps of friction leave alone, and which rounding moves by few counts. Neither is
+    looked for at gaps in time, over which a fast motor makes whole turns. The platform is checked unless
+    `poses` leave it out.
     """
     turn = 2.0 * np.pi
     spread = 0.99  # share of the samples whose distance from the median is noise
-    least_spike = 0.05  # of the column's range, above counts of an encoder
+    least_spike = 0.05  # of the column's range
+    least_counts = 3.0  # of the steps to which a column is rounded, which noise crosses one by one
     largest_step = 1.5  # of time, over the median step; longer ones are gaps
     time_steps = np.diff(data.column("time"))
     if len(data) < MIN_SAMPLES:
@@ -199,7 +201,10 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
             )
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
         distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)
-        limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values))
+        count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
+        limit = max(
+            SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count
+        )
         spikes = 1 + np.flatnonzero(distance > limit)
         if len(spikes):
             rows = list_names([data.row(int(spike)) for spike in spikes], most=8)

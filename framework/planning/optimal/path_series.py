@@ -78,7 +78,7 @@ def uniform_cells(task: Task, count: int) -> Array:
     edges = np.clip(phi(stretch.inverse(xi)), 0.0, 1.0)
     edges = np.unique(np.concatenate([edges, branch.path.knots, branch.wrenches.knots]))
     for s in crossings:  # replace an edge on the crossing by the edges of a cell about it
-        edges = edges[np.abs(edges - s) > LEAST_WIDTH]
+        edges = edges[(np.abs(edges - s) > LEAST_WIDTH) | (edges == 0.0) | (edges == 1.0)]
         others = np.append(edges, crossings[crossings != s])
         third = np.abs(others - s).min() / 3.0
         edges = np.append(edges, [s - third, s + third])
