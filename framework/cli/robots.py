@@ -54,6 +54,7 @@ def add_robots_options(parser: OneLineParser) -> None:
 
 def run_robots(options: Namespace) -> Report:
     """List the catalogue, one row for each robot."""
+    arguments.check_page(options.picture, options, "--picture")
     rows: list[Document] = []
     robots: list[ParallelRobot] = []
     lines = ["name\tdof\tloops\tsprings\tscenes"]

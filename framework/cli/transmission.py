@@ -45,18 +45,18 @@ def run_transmission(options: Namespace) -> Report:
     """Compute the transmission; with --out write file and pictures."""
     options.flexibility = "rigid"
     robot = arguments.load(options)
-    options.progress.start("computing")
-    result = transmission(
-        robot,
-        lower=options.lower,
-        upper=options.upper,
-        posture=options.posture,
-        frequencies=options.frequencies or FREQUENCIES,
-        points=options.points,
-    )
-    document = _make_document(result)
     names = tuple(f"{name}.{end}" for name in FIGURES for end in ("pdf", "png"))
     with arguments.written_out(options, FILE, names) as folder:
+        options.progress.start("computing")
+        result = transmission(
+            robot,
+            lower=options.lower,
+            upper=options.upper,
+            posture=options.posture,
+            frequencies=options.frequencies or FREQUENCIES,
+            points=options.points,
+        )
+        document = _make_document(result)
         if folder is not None:
             from framework.show.plots import save_figure
             from framework.show.transmission_figures import plot_inertia, plot_limits, plot_mapping
