@@ -191,17 +191,6 @@ class FrameMotions(NamedTuple):
     twist_rate: Array  # (T, F, 6) time derivative
     rates: Array  # (3, T, F, 4, 3) axes and origins, then their velocities, then their accelerations
 
-    @staticmethod
-    def of(placements: Array, twist: Array, twist_rate: Array) -> FrameMotions:
-        """Compute the motions of frames with axes and origins c, `placements` (..., F, 4, 3).
-
-        `twist` (v, w) and its time derivative `twist_rate` are (..., F, 6). Axes move at c' = w x c, origins
-        at c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt for origins.
-        """
-        velocity = frame_velocities(twist, placements)
-        acceleration = frame_velocities(twist_rate, placements) + cross(twist[..., None, 3:], velocity)
-        return FrameMotions(twist, twist_rate, np.array([placements, velocity, acceleration]))
-
 
 def frames_at(mechanism: Mechanism, q: Array, models: Iterable[pin.Model] | None = None) -> FrameStack:
     """Compute poses of all frames and screws of all joints at q (T, nq).
@@ -254,8 +243,15 @@ def frame_motions(mechanism: Mechanism, frames: FrameStack, v: Array) -> FrameMo
 
 
 def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) -> FrameMotions:
-    """Compute the motions of `frames` on bodies with twists (2, T, bodies, 6) of `body_twists`."""
-    return FrameMotions.of(frames.placements, *twists.take(scratch_of(mechanism).bodies, axis=2))
+    """Compute the motions of `frames` on bodies with twists (2, T, bodies, 6) of `body_twists`.
+
+    With the twist (v, w) of a frame, its axes c move at c' = w x c, and its origin c at c' = v + w x c. So
+    c" = dw/dt x c + w x c', plus dv/dt for origins.
+    """
+    twist, twist_rate = twists.take(scratch_of(mechanism).bodies, axis=2)  # (T, F, 6) each
+    velocity = frame_velocities(twist, frames.placements)
+    acceleration = frame_velocities(twist_rate, frames.placements) + cross(twist[..., None, 3:], velocity)
+    return FrameMotions(twist, twist_rate, np.array([frames.placements, velocity, acceleration]))
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:

@@ -168,8 +168,6 @@ def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
     along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
     about its axis; `dynamics.motion_checks` measures the load that remains.
     """
-    if not len(passive):
-        return passive
     motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
     return passive[choose_rows(motions.T, len(motions))]
 

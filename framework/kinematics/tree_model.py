@@ -274,14 +274,10 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
     for limit in limits:
         rounding = SAME_PLACE * max(abs(limit.lower), abs(limit.upper))
         positions = q[:, limit.coordinate]
-        least, largest = float(positions.min()), float(positions.max())
+        farthest = (float(positions.min()), limit.lower, -1.0), (float(positions.max()), limit.upper, 1.0)
         excesses = []
-        # the farthest position beyond each limit, with the limit and the excess
-        for position, bound, excess in (
-            (least, limit.lower, limit.lower - least),
-            (largest, limit.upper, largest - limit.upper),
-        ):
-            if excess > rounding:
+        for position, bound, sign in farthest:  # below the lower limit, then above the upper one
+            if sign * (position - bound) > rounding:
                 position_text, bound_text = format_distinct(position, bound, 6)
                 excesses.append(f"{position_text} {limit.unit} of {bound_text}")
         if excesses:

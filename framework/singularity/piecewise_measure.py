@@ -48,13 +48,6 @@ class MeasuredMatrix:
     # loops at the nodes of panels, by start and end: a cache that several matrices of one branch may share
     panel_loops: dict[tuple[float, float], LinearisedLoops] = field(default_factory=dict)
 
-    @staticmethod
-    def from_branch(branch: Branch, matrix: Callable[[LinearisedLoops], Array]) -> MeasuredMatrix:
-        """Return a matrix along a branch, whose panels are closed; a continuation replaces their poses."""
-        panels = () if branch.continuations else branch.panels
-        closed = {(float(panel.s[0]), float(panel.s[-1])): panel.linearised for panel in panels}
-        return MeasuredMatrix(branch, matrix, panel_loops=closed)
-
     def loops(self, start: float, end: float) -> LinearisedLoops:
         """Return the linearised loops at the nodes (T = SHEET_NODES) of a panel from start to end, in s."""
         if (start, end) not in self.panel_loops:

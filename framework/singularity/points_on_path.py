@@ -221,7 +221,10 @@ def _measure_type_1(branch: Branch) -> MeasuredMatrix:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_ITERATIONS):
-        type1 = MeasuredMatrix.from_branch(branch, partial(type1_matrix, branch.robot))
+        # the branch's panels are closed already; a continuation replaces their poses
+        closed = () if branch.continuations else branch.panels
+        loops = {(float(panel.s[0]), float(panel.s[-1])): panel.linearised for panel in closed}
+        type1 = MeasuredMatrix(branch, partial(type1_matrix, branch.robot), panel_loops=loops)
         panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
             panels = resolve_panels(type1)

@@ -141,7 +141,7 @@ def trace_locus(
     closed = assembled_at(robot, q)
     equations = LocusEquations.of(robot, closed.q[0], closed.x[0], free)
     mode = leg_signs(robot, closed.linearised)[0] if one_mode else None
-    region = Region(equations, closed.q[0], closed.x[0], reach * robot.length, mode)
+    region = Region(equations, closed.q[0], reach * robot.length, mode)
     if one_mode:
         guesses = draw_in_mode(region, starts)  # (starts, nq)
     else:
@@ -371,8 +371,7 @@ class Region(NamedTuple):
     """The part of the configuration space in which curves are followed."""
 
     equations: LocusEquations
-    q: Array  # (nq,) configuration at the centre
-    x: Array  # (n,) platform coordinates at the centre
+    q: Array  # (nq,) configuration at the centre, a pose of the slice with platform coordinates `equations.x`
     reach: float  # [m] largest offset of each translation from the centre
     mode: Array | None  # (legs,) signs of the working mode; None for all modes
 
@@ -390,7 +389,7 @@ class Region(NamedTuple):
             sliding = motors[robot.sliding[motors]]  # hinges turn without bound
             offset = difference(robot, self.q, q)[:, sliding]
         else:
-            offset = (x - self.x)[:, robot.translations]
+            offset = (x - equations.x)[:, robot.translations]
         inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
         turns = x[:, ~robot.translations]
         if turns.shape[1] == 3:  # a rotation vector, whose chart ends at an angle of pi: stop a step earlier
@@ -458,7 +457,7 @@ def draw_in_mode(region: Region, count: int) -> Array:
     displacement[:, axes] = np.random.default_rng(0).uniform(-spread, spread, (count, len(axes)))
     q = np.tile(region.q, (count, 1))
     for k in range(1, steps + 1):
-        x = region.x + k / steps * displacement
+        x = equations.x + k / steps * displacement
         next_q, _, closed = close_each(robot, x, q, farthest=MAX_NEWTON_STEP)
         closed[closed] &= region.contains(next_q[closed])  # from here on: closed and in the region
         q = np.where(closed[:, None], next_q, q)

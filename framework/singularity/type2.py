@@ -107,8 +107,7 @@ def uncontrolled_space(
         at_least: least number of motions to return, even if their singular values are not small.
     """
     P = passive_matrix(robot, linearised)[0]
-    # (c, n_p) dimensionless passive rates; none without passive joints
-    null_vectors = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
+    null_vectors = null_directions(P, at_least=min(at_least, P.shape[1]))  # (c, n_p) dimensionless rates
     corank = len(null_vectors)  # c
     motions = passive_motion(robot, null_vectors)  # (c, nv)
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
@@ -140,7 +139,7 @@ def uncontrolled_space(
 
 def _count_rank(rows: Array) -> int:
     """Count the singular values of dimensionless rows (k, n) above RANK_LOST."""
-    return int((singular_values(rows) > RANK_LOST).sum()) if rows.size else 0
+    return int((singular_values(rows) > RANK_LOST).sum())
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:

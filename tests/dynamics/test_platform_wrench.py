@@ -1,11 +1,14 @@
 """W = G' tau: what a motion asks of the platform is what its motor torques give there."""
 
+from itertools import product
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import robots
 from framework import plan_scene
-from framework.dynamics.platform_wrench import _unscale_polytope, hold_at, platform_wrench
+from framework.dynamics.platform_wrench import PlatformWrench, _unscale_polytope, hold_at, platform_wrench
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import motor_speeds
 from framework.numerics.polytope import zonotope
@@ -73,3 +76,11 @@ def test_a_polytope_in_other_units_contains_the_same_points():
     np.testing.assert_array_equal(converted.contains(points / scale), inside)
     np.testing.assert_allclose(np.linalg.norm(converted.normals, axis=1), 1.0)
     assert converted.contains(converted.vertices).all()
+
+
+def test_motors_at_their_limits_push_with_all_their_signs():
+    G, limits = np.random.default_rng(0).standard_normal((2, 3, 4)), np.array([0.5, 2.0, 3.0])
+    found = PlatformWrench.vertices(SimpleNamespace(motor_speed=G), limits)
+    for at, pushes in zip(G, found, strict=True):
+        expected = [np.array(signs) * limits @ at for signs in product((-1.0, 1.0), repeat=3)]
+        np.testing.assert_allclose(sorted(pushes.tolist()), sorted(np.array(expected).tolist()), atol=1e-14)

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import replace
-from functools import cache
+from functools import cache, cached_property, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -393,3 +393,63 @@ def test_laws_differ_by_the_largest_distance_between_them():
     other = SimpleNamespace(motion=SimpleNamespace(law=lambda t: t / 1.5 - 0.02 * np.sin(np.pi * t / 1.5)))
     assert FidelityStudy.law_difference(study, other) == pytest.approx(0.02, rel=1e-12)
     assert FidelityStudy.law_difference(study, SimpleNamespace(motion=None)) == np.inf
+
+
+def of_study(member: str, **values):
+    """A member of a study that has these values alone."""
+    attribute = vars(FidelityStudy)[member]
+    study = SimpleNamespace(**values)
+    if isinstance(attribute, property | cached_property):
+        return attribute.__get__(study)
+    return partial(attribute, study)
+
+
+def test_levels_above_the_one_that_is_enough_and_are_not_show_luck():
+    levels = [SimpleNamespace(level=SimpleNamespace(name=name)) for name in "abcd"]
+    is_enough = dict(zip("abcd", (False, True, False, True), strict=True))
+    told = {"levels": levels, "is_enough": lambda one: is_enough[one.level.name]}
+    assert of_study("by_luck", enough=levels[1], **told) == ("c",)
+    assert of_study("by_luck", enough=None, **told) == ()
+
+
+def test_the_place_of_an_error_is_where_it_is_largest_if_it_is_more_than_rounding():
+    times = np.linspace(0.0, 2.0, 5)
+    place = of_study("place", times=times, highest=SimpleNamespace(law=lambda t: t / 2.0))
+    assert place(np.array([0.0, 1e-3, 0.2, 1e-2, np.nan])) == 0.5
+    assert place(np.full(5, 1e-14)) is None
+    assert place(np.full(5, np.nan)) is None
+
+
+def test_a_level_s_largest_deflection_is_told_with_its_spring():
+    comparison = SimpleNamespace(
+        deflection=("left_rod", 2e-5),
+        same_as="",
+        reason="",
+        motion=None,
+        torque=0.1,
+        torque_error=None,
+        platform=0.2,
+        platform_error=None,
+        level=SimpleNamespace(name="links", summary="all"),
+    )
+    none = {name: lambda *_: None for name in ("is_enough", "place", "law_difference")}
+    indicators = SimpleNamespace(error={"links": 0.0}, words={"links": ""})
+    told = of_study("_entry", indicators=indicators, **none)(comparison)
+    assert told["deflection"] == {"spring": "left_rod", "largest": 2e-5}
+
+
+def test_work_of_neglected_friction_is_a_share_of_that_of_the_motors(monkeypatch):
+    """Joints at sin t and 2 against 0.1 and 0.3 N m for pi seconds; a motor gives 5 sin t at cos t."""
+    names = vars(FidelityStudy)["neglected_work"].func.__globals__
+    monkeypatch.setitem(names, "neglected_friction", lambda dynamics: np.array([0.1, 0.3]))
+    plan = SimpleNamespace(
+        dynamics=None,
+        duration=np.pi,
+        velocity=lambda t: np.column_stack([np.sin(t), 0.0 * t - 2.0]),
+        torque=lambda t: 5.0 * np.sin(t)[:, None],
+        motor_angle=lambda t, order: np.cos(t)[:, None],
+    )
+    lost, given = 0.1 * 2.0 + 0.3 * 2.0 * np.pi, 5.0
+    assert of_study("neglected_work", highest=plan) == pytest.approx(lost / given, rel=1e-4)
+    plan.torque = lambda t: 0.0 * t[:, None]
+    assert of_study("neglected_work", highest=plan) == np.inf

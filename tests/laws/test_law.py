@@ -6,7 +6,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial, chebyshev
 
 from framework import Condition, InvalidInput, Law
-from framework.laws.law import REST, speed_ratios_and_peaks
+from framework.laws.law import REST, Ends, speed_ratios_and_peaks
 
 EPS = np.finfo(float).eps
 DURATION = 1.5
@@ -231,3 +231,9 @@ def test_coefficients_of_high_degree_are_kept_and_the_others_meet_the_conditions
 def test_the_least_degree_is_one_less_than_the_conditions(smoothness, crossings):
     """Of s and its derivatives at rest, and of s, s' and s" at each crossing: 8 and 12 in the paper."""
     assert REST.least_degree(smoothness, crossings) + 1 == 2 * (smoothness + 1) + 3 * crossings
+
+
+def test_a_moving_end_gives_its_derivatives_and_is_at_rest_in_those_above():
+    start, goal = Ends(start=(2.0, -3.0)).conditions(4)
+    assert start.tolist() == [0.0, 2.0, -3.0, 0.0, 0.0]
+    assert goal.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]

@@ -1,12 +1,18 @@
 """Paths that no law can cross, bent as little as helps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import robots
 from framework import Line, NoLaw, Spline, load_plan, locate_singularities, plan_crossing, simulate
 from framework.cli import main
-from framework.planning.path_modification import MAX_BEND_SHARE, plan_request_with_modified_path
+from framework.planning.path_modification import (
+    MAX_BEND_SHARE,
+    _Modification,
+    plan_request_with_modified_path,
+)
 from framework.planning.request import Request
 from framework.planning.saved import save_plan
 from tests.oracles.planar import without_rotors
@@ -81,3 +87,18 @@ def test_the_command_says_how_far_the_path_was_bent(capsys):
     for wrong in (["--bend", "--raw"], ["--bend", "6%"], ["--bend", "0"], ["--bend", "much"]):
         assert main(["plan", "five_bar", "--scene", "C", *wrong]) == 2
         assert "bend: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("least", [0.0004, 0.0011, 0.013, 0.047])
+def test_bends_to_either_side_are_found_to_nine_percent(least, side):
+    """With a plan wherever a bend is large enough, to one side alone; a tenth is added as reserve."""
+    tried = []
+
+    def plan_bent(share):
+        tried.append(share)
+        return share if share * side >= least else None
+
+    share, _ = _Modification._find_least(SimpleNamespace(plan_bent=plan_bent))
+    assert share * side == pytest.approx(1.1 * least, rel=0.1)
+    assert max(np.abs(tried[:-1])) <= MAX_BEND_SHARE

@@ -127,6 +127,7 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
     place = np.concatenate([x, motors], axis=-1)
     beyond = np.maximum(limits[:, 0] - place, place - limits[:, 1]) / (limits[:, 1] - limits[:, 0])
     assert everything.reached.all()
+    assert (within.keeps_limits, everything.keeps_limits) == (True, False)
     assert 0.15 * x[..., 0].size < within.reached.sum() < everything.reached.sum()
     np.testing.assert_array_equal(within.reached, (beyond <= 0).all(axis=-1))
     joints = ("ankle_pitch", "ankle_roll", "motor_a", "motor_b")

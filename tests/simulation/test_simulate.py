@@ -11,7 +11,7 @@ import robots
 from framework import InvalidInput, NotConverged, ParallelRobot, plan_scene, simulate
 from framework.kinematics import closures
 from framework.simulation import Event
-from framework.simulation.drive import Drive
+from framework.simulation.drive import Drive, _count_arguments
 from robots.generators import n_four_bar
 from tests.oracles.contact_dynamics import simulate_contacts
 from tests.oracles.equations_of_motion import defects_of
@@ -410,3 +410,23 @@ def test_loops_shifted_in_the_code_that_all_share_are_seen_by_the_witness_alone(
     assert followed.closure_error < 1e-11
     assert followed.tracking_error < 1e-7  # a wrong robot, and nobody who could tell
     assert defects_of(plan).open > 0.5 * SHIFT
+
+
+@pytest.mark.parametrize(
+    ("drive", "count"),
+    [
+        (lambda t: 0.0, 1),
+        (lambda t, q, v, gain=2.0: 0.0, 3),
+        (lambda t, *, gain=2.0: 0.0, 1),
+        (lambda *rest: 0.0, 0),
+    ],
+)
+def test_a_drive_is_called_with_the_arguments_that_it_needs(drive, count):
+    assert _count_arguments(drive) == count
+
+
+def test_a_plan_drives_its_own_robot_alone(plan):
+    with pytest.raises(InvalidInput, match="robot"):
+        simulate(plan, lambda t: [0.0, 0.0], duration=0.1)
+    with pytest.raises(InvalidInput, match="torque"):
+        simulate(plan.robot)

@@ -101,10 +101,6 @@ class _Step(NamedTuple):
     decrease: float  # of the value, predicted by the quadratic model
     forces: Array  # (2 f + 2,) multipliers of the bounds; zero for inactive ones
 
-    def is_small(self, iterate: _Iterate) -> bool:
-        """Return whether the decrease predicted at an iterate is negligible."""
-        return self.decrease < LEAST_DECREASE * iterate.value
-
 
 class PoseSearch:
     """The search for nearest poses of one robot."""
@@ -200,11 +196,12 @@ class PoseSearch:
         # least decrease by the next step, over the excess of |e|^2 / 2 over that of the best other search
         least_progress = 0.1
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
+        is_flat = step.decrease < LEAST_DECREASE * iterate.value
         is_behind = step.decrease < least_progress * (iterate.value - least_value)
         distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
         is_on_their_branch = distances.min(initial=np.inf) < BRANCH_CORRECTION
         repeats = is_on_their_branch and iterate.value > least_value
-        return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
+        return bool(is_reached or is_flat or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
         """Return the pose after `count` steps, with its stops by the forces of the next `step`."""
@@ -215,7 +212,7 @@ class PoseSearch:
         bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
         # a bound stops the search if no margin is left; after convergence all bounds with a force do
-        is_met = (iterate.margins < rounding) | step.is_small(iterate)
+        is_met = (iterate.margins < rounding) | (step.decrease < LEAST_DECREASE * iterate.value)
         active = np.flatnonzero(is_met & (step.forces > 0.0))
         stops = [bounds[k] for k in active] or [UNCONVERGED]
         return NearestPose(

@@ -219,8 +219,6 @@ def null_space(matrix: Array) -> Array:
 
 def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
     """Choose k joints, ascending and none of `excluded`, whose rates determine k motions (nv, k)."""
-    if not motions.shape[1]:
-        return ()
     joints = np.setdiff1d(np.arange(len(motions)), excluded)
     return tuple(joints[choose_rows(motions[joints], motions.shape[1])].tolist())
 

@@ -431,8 +431,6 @@ def _frame_platforms(
 def _turns_about_a_point(twists: Array) -> bool:
     """Return whether all twists (6, w) of a body are turns about the same point."""
     linear, angular = twists[:3], twists[3:]
-    if twists.shape[1] < 2:
-        return False
     # least squares for the point p that is at rest in all motions: v + w x p = 0 for all columns
     cross_matrices = np.concatenate([pin.skew(np.ascontiguousarray(w)) for w in angular.T])  # (3 w, 3)
     v = linear.T.ravel()

@@ -3,11 +3,14 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import robots
 from framework import Mechanism, SingularReference, check_robot
 from framework.cli import main
+from framework.kinematics.diagnostics.regular_reference import STEP, _move
+from framework.kinematics.linearised_loops import linearised_at
 from framework.model.readers import read_any
 
 GEPETTO = Path(__file__).parents[2] / "data" / "dialects" / "gepetto"
@@ -144,3 +147,14 @@ def test_check_says_by_how_much_the_loops_close_beside_the_reference(write_robot
     assert float(step) == pytest.approx(steps[joint], rel=5e-3)
     exact = check_robot(Mechanism.from_file(write_robot()))
     assert not any("beside the reference" in advice for advice in exact.advice)
+
+
+def test_a_pose_moves_in_steps_along_the_motion_that_loops_allow():
+    """By a step of the joint that turns most; the allowed motions of the 5R by numpy."""
+    robot = robots.load("five_bar")
+    q = robot.reference.q
+    rows = linearised_at(robot, q[None]).closures[0][:, robot.joints]
+    direction = np.linalg.svd(rows)[2][-2:].T @ [0.6, -0.8]
+    reached = _move(robot, q, direction, 1)[-1]
+    expected = STEP * direction / np.abs(direction).max()
+    np.testing.assert_allclose((reached - q)[robot.joints], expected, atol=STEP**2)

@@ -1,12 +1,16 @@
 """Limits that one law's motion lowers bind no other law of the search."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import robots
 from framework import Line, plan_crossing
-from framework.errors import NotConverged
+from framework.errors import NoLaw, NotConverged
 from framework.planning.optimal import elastic_search
+from framework.planning.optimal.elastic_search import ElasticSearch, Iterate
+from framework.tolerances import MAX_SOFTENING
 
 OPTIONS = {"geometry": "rigid", "optimize": "time", "torque_limit": 0.4}
 
@@ -41,3 +45,41 @@ def test_refusal_says_by_how_much_the_nearest_motion_exceeds_the_limits(monkeypa
         plan()
     assert "would do" not in str(refusal.value)
     assert "at rest" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(("excess", "rest"), [(1.2, 0.3), (0.3, 1.2)])
+def test_a_motion_that_is_not_at_rest_is_no_more_allowed_than_one_beyond_limits(excess, rest):
+    assert Iterate(None, None, excess, rest).worst == 1.2
+
+
+@pytest.mark.parametrize("rest", [0.999, 1.001, 1.4])
+def test_springs_that_move_at_an_end_are_refused(monkeypatch, rest):
+    monkeypatch.setattr(elastic_search, "certify_motion", lambda *_: None)
+    search = SimpleNamespace(
+        task=None,
+        starts=("only",),
+        _measure=lambda motion, balance: Iterate(None, None, 1.0, rest),
+        _refuse_rest=lambda rest: NoLaw(f"moves by {rest}"),
+    )
+    motions = ElasticSearch._keep_limits(search, "only", SimpleNamespace(law=None))
+    if rest < 1.0:
+        assert [iterate.rest for iterate in motions] == [rest]
+    else:
+        with pytest.raises(NoLaw, match="moves by"):
+            next(motions)
+
+
+@pytest.mark.parametrize("softening", [0.9, 1.1])
+def test_springs_that_give_way_are_refused_beyond_the_largest_softening(monkeypatch, softening):
+    least = SimpleNamespace(rho=softening * MAX_SOFTENING, s=0.4)
+    monkeypatch.setattr(elastic_search, "find_least_softening", lambda problem, duration: least)
+    search = SimpleNamespace(
+        task=SimpleNamespace(specification=SimpleNamespace(duration=1.0), robot=SimpleNamespace(name="soft")),
+        _problem=lambda *_, **__: SimpleNamespace(_replace=lambda **_: None),
+    )
+    if softening < 1.0:
+        ElasticSearch._check_softening(search, None)
+    else:
+        with pytest.raises(NoLaw, match=r"give way at s = 0\.4") as refusal:
+            ElasticSearch._check_softening(search, None)
+        assert refusal.value.evidence is least

@@ -1,6 +1,7 @@
 """Limits that are too low: refused with numbers that would do, and planned with these."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,10 @@ import pytest
 import robots
 from framework import Line, NoLaw, ParallelRobot, plan_crossing
 from framework.errors import format_distinct
+from framework.laws.law import Ends
 from framework.model.description import JointDynamics
+from framework.planning.optimal import undeformed_law
+from framework.planning.optimal.least_cost import NoneFound
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 DURATION = 1.5  # [s]
@@ -94,3 +98,17 @@ def test_a_limit_that_would_do_leaves_the_margin_free_that_was_asked_for():
         plan_crossing(robot, LINE, torque_limit=0.03, **options)
     limit = refused.value.evidence.limits["torque_limit"]
     kept(plan_crossing(robot, LINE, torque_limit=limit, **options), torque_limit=0.8 * limit)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.4, 0.05])
+def test_the_quickest_start_from_which_a_law_brakes_is_the_same_motion_slowed(monkeypatch, share):
+    """With laws from 2 v at most: s' slows with v, s" with v^2; nothing slower than a tenth is tried."""
+
+    def find_least_cost(ends):
+        return NoneFound(None, "") if ends.start[0] > 2.0 * share + 1e-9 else ends
+
+    monkeypatch.setattr(undeformed_law, "find_least_cost", find_least_cost)
+    specification = SimpleNamespace(ends=Ends(start=(2.0, -3.0)), goal="time")
+    problem = SimpleNamespace(specification=specification, with_goal=lambda goal, ends: ends)
+    start = undeformed_law._find_slower_start(problem)
+    assert start is None if share < 0.1 else start == pytest.approx((2.0 * share, -3.0 * share**2))

@@ -1,5 +1,7 @@
 """Redundant motors share the load: against linear programs of a point that three massless struts move."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -8,11 +10,13 @@ from scipy.optimize import linprog
 import robots
 from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
 from framework.dynamics.torque_distribution import _SharedMotion, second_differences
+from framework.laws.squared_speed import ONE_CELL, SpeedBasis, Stretch
 from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.law_problem import MotorRows
 from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.optimal.speed_program import INTERNAL_WEIGHT, SpeedProgram
 
 BASES = np.array([[0.0, 0.0], [1.0, 0.0], [0.4, 1.0]])  # of the struts [m]
 MASS = 2.0  # of the point [kg]
@@ -187,3 +191,26 @@ def test_a_motor_s_torque_is_what_the_motion_asks_and_its_part_of_the_internal_t
     )
     y, x = rng.standard_normal(5), rng.standard_normal(2)
     np.testing.assert_allclose(rows.torques(y, x), by_y @ y + by_x @ x + constant, rtol=1e-12)
+
+
+def test_smoothness_counts_bends_of_the_speed_and_of_internal_torques_apart():
+    """Rows on y alone, those of a robot without internal torques, and then rows on x alone."""
+    rng = np.random.default_rng(0)
+    frames = rng.standard_normal((6, 4, 2))
+    stretch = Stretch()
+    program = SimpleNamespace(
+        problem=SimpleNamespace(task=SimpleNamespace(stretch=stretch), sigma=stretch.inverse),
+        xi=np.linspace(-1.0, 1.0, 11),
+        basis=SpeedBasis(np.array(ONE_CELL), 5),
+        _inner_points=slice(1, 10),
+        _inner_weights=rng.uniform(0.5, 1.0, 9),
+        frames=None,
+    )
+    alone = SpeedProgram.curvature.func(program).parts["y"]
+    program.frames = frames
+    rows = SpeedProgram.curvature.func(program).parts
+    y, x = rng.standard_normal(5), rng.standard_normal(12)
+    bends = INTERNAL_WEIGHT / np.sqrt(6) * (second_differences(frames) @ x)
+    expected = np.concatenate([alone @ y, bends])
+    assert rows["y"].shape[0] == rows["x"].shape[0]
+    np.testing.assert_allclose(rows["y"] @ y + rows["x"] @ x, expected, rtol=1e-12)
