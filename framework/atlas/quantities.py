@@ -257,16 +257,21 @@ def quantity_values(
 
 
 def softest_directions(robot: ParallelRobot, quantity: Quantity, q: Array) -> Array:
-    """Compute unit twists (T, n) along the platform's softest directions at q (T, nq).
+    """Compute unit twists (T, n) in which the platform is softest at q (T, nq).
 
-    They are those of the `quantity`, a stiffness, and zero along the axes that it does not count.
+    The least stiffness with locked motors is along them. For a platform that moves, axes of rotation do not
+    count and have zeros.
+
+    Args:
+        quantity: the stiffness whose directions they are: of the robot at q, or deflected by its load.
     """
     wrench = None if quantity.wrench is None else np.array(quantity.wrench)
     poses = Poses(robot, q, linearised_at(robot, q), wrench)
     twists = np.zeros((len(q), robot.n))
     with np.errstate(all="ignore"):
-        free = poses.loaded.free if quantity.loaded else poses.compliance
-        twists[:, moving_axes(robot)] = softest_motion(robot, free)[1]
+        compliant = poses.loaded.free if quantity.loaded else poses.compliance  # motions with locked motors
+        _stiffness, directions = softest_motion(robot, compliant)
+    twists[:, moving_axes(robot)] = directions
     return twists
 
 

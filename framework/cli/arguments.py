@@ -194,10 +194,13 @@ def motion_options(options: Namespace, robot: ParallelRobot) -> MotionOptions:
 
 
 def typed_options(options: Namespace) -> MotionOptions:
-    """Return the options of the motion that were typed."""
+    """Return the options of the motion that were typed, with shares and limits of motors as numbers.
+
+    `TYPED` are the options of a plan that the command line has, by name; one that was not typed is None.
+    """
     values = vars(options)
     typed = {key: values[key] for key in TYPED if values.get(key) is not None}
-    if "margin" in typed:
+    if "margin" in typed:  # "10%" or 0.1
         typed["margin"] = share("--margin", typed["margin"])
     for name in set(MOTOR_LIMITS) & typed.keys():
         typed[name] = limits(TYPED[name].flag, typed[name])

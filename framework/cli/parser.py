@@ -140,7 +140,10 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
 
 
 def add_options(parser: OneLineParser, *names: str) -> None:
-    """Add options of a plan by name, as `planning.options` declares; None if not typed."""
+    """Add options of a plan by name, with the flag, help and type that `planning.options` declares.
+
+    An option that the user does not type has the value None.
+    """
     for name in names:
         option = TYPED[name]
         text = option.summary.replace("%", "%%")

@@ -109,10 +109,11 @@ def run_closed_loop(
     """
     ref = controller.reference
     lowest, highest = torque_range(ref, loop)
-    # a controller that filters reads the sensors that it was tuned for
-    own = getattr(controller, "sensors", None)
-    robots = _VariedRobots.of(ref, loop, spread, variations, own)
-    start = getattr(controller, "start", None)  # of a controller with a state per run
+    # a controller that filters has the `sensors` that it was tuned for; one with a state has `start`, which
+    # returns a controller with the states of R runs
+    own_sensors = getattr(controller, "sensors", None)
+    robots = _VariedRobots.of(ref, loop, spread, variations, own_sensors)
+    start = getattr(controller, "start", None)
     driver = controller if start is None else start(len(variations))
     last = len(ref.times) - 1
     lost = np.full(len(variations), np.inf)  # (R,) [s] instants at which runs diverged

@@ -21,19 +21,24 @@ class TableController:
     """The state of one run: deviations z, and the torques that were sent."""
 
     def __init__(self, file: str | Path, limit: float | Array = np.inf) -> None:
-        """Read NAME.csv and NAME.json beside it; `limit` bounds the torques [N m, N], motor side."""
+        """Read NAME.csv and NAME.json beside it; `limit` bounds the torques [N m, N], motor side.
+
+        A row of the CSV file belongs to one period and holds several arrays, flattened one after the other.
+        The JSON file says of each array its first column and its shape.
+        """
         description = json.loads(Path(file).with_suffix(".json").read_text(encoding="utf-8"))
-        table = np.loadtxt(file, delimiter=",", ndmin=2)
+        table = np.loadtxt(file, delimiter=",", ndmin=2)  # (K, numbers of a period)
         self.rows: dict[str, Array] = {}  # arrays (K, ...) by name
         for name, place in description["columns"].items():
             size = int(np.prod(place["shape"]))
             values = table[:, place["first"] : place["first"] + size]
             self.rows[name] = values.reshape(len(table), *place["shape"])
-        self.delay = int(description["delay"])
+        self.delay = int(description["delay"])  # periods until a torque acts
         self.limit = limit
-        self.k = 0
-        self.z = np.zeros(len(description["states"]))
-        self.sent: list[Array] = []  # torques
+        # the state of the run, which `update` changes
+        self.k = 0  # number of the period
+        self.z = np.zeros(len(description["states"]))  # estimated deviations from the plan
+        self.sent: list[Array] = []  # torques of all periods so far
 
     def deviation(self, k: int) -> Array:
         """Return the torque that acts in period k less the planned one, at last that of the last row."""

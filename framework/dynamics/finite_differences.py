@@ -1,7 +1,7 @@
 """Raw sampling: the torque formula evaluated instant by instant, without a certificate.
 
 Rates of motors and springs are finite differences in time, and the torque formula divides by a determinant,
-however small. Near a Type 2 singularity at which the law violates condition (8), the torques have spikes
+however small. Near a Type 2 singularity at which the law violates t_s . W_p = 0, the torques have spikes
 whose height depends on the distance of the nearest sample, as in Fig. 3(b) of Briot and Arakelian 2010. These
 torques serve figures and comparisons only; use `inverse_dynamics` otherwise.
 """

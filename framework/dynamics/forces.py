@@ -156,7 +156,7 @@ def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
 
 
 def all_spring_forces(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
-    """Compute the forces (T, nv) of springs on joints and between points."""
+    """Compute the forces (T, nv) of springs on joints and between points at q (T, nq)."""
     forces = spring_torques(robot, q, stiffness) if stiffness.any() else np.zeros((len(q), robot.nv))
     return forces + lines_at(robot, q).forces() if robot.line_springs.names else forces
 

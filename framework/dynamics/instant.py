@@ -137,9 +137,11 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """The platform's twist v (n,) [m/s, rad/s]: on its axes.
+        """The platform's twist v (n,) [m/s, rad/s].
 
-        For a platform with several axes of rotation the twist is not dx/dt.
+        It has an entry for each of the platform's axes: the velocity of its point along the axis, or its rate
+        of turning about it. With several axes of rotation it is not dx/dt, as coordinates x of an attitude
+        have other rates.
         """
         twist, _twist_rate = platform_twists(self.robot, self._motion)
         return self._shape_like_q(twist)

@@ -110,7 +110,7 @@ def inverse_dynamics(
     Raises:
         InvalidInput: geometry, friction or a frame is unknown; the law leaves [0, 1] or is not finite; the
             path does not fit the robot.
-        UnboundedTorque: the law violates condition (8) at a singular instant.
+        UnboundedTorque: the law violates condition (8), t_s . W_p = 0, at a singular instant.
         NoLaw: the motion stops on the locus, or meets a singularity that no law can cross.
         NotConverged: torques or deflections cannot be resolved to the tolerance.
         LoadedJoint: the motion would load a joint that nothing holds.
@@ -292,7 +292,7 @@ class _Refinement:
 
     @property
     def allowed_residual(self) -> float:
-        """The residual of condition (8) that errors of the deflections may cause.
+        """The residual of condition (8), t_s . W_p = 0, that errors of the deflections may cause.
 
         Torques with a larger residual have a pole.
         """

@@ -11,7 +11,7 @@ loops closed while the motors are locked and x is free. Then
 
 has as many equations as there are springs. F is smooth at the singularity, because nothing in F is divided by
 the singularity measure. The deflections that solve F = 0 are smooth there only under a law that respects
-condition (8).
+condition (8), t_s . W_p = 0.
 
 Derivatives are those of r + K l - J' lambda at fixed lambda, the multipliers of least squares. Newton's
 method on l is therefore Newton's method on (l, tau, lambda), with tau and lambda eliminated by Y'. With

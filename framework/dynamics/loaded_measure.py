@@ -45,8 +45,9 @@ class LoadedPoint(NamedTuple):
 def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     """Compute the tangent F_l = dF/dl (T, n_e, n_e) at instants t (T,) [s], over the springs' stiffness.
 
-    F is the balance of the deflections l along the motion of a deformed robot. F_l is in units of the
-    springs. It is multiplied from the left by a regular matrix that makes it smooth in t.
+    F(l) = Y' load = 0 is the balance of the deflections l along the motion of a deformed robot: the columns
+    of Y (T, f, n_e) span the motions with locked motors, in which the load does no work. F_l is in units of
+    the springs, and is multiplied from the left by a regular matrix that makes it smooth in t.
 
     Raises:
         NotAssembled: the deflections tear the loops.
@@ -57,17 +58,19 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     prescribed = DeflectedMotion(s[0], *time_derivatives(result.path, s), *deflections)
     balance = evaluate_balance(robot, prescribed, result.configuration(t), wrenches=result.wrenches)
     Y = balance.Y
-    F_l = Y.swapaxes(1, 2) @ deflection_slopes(robot, balance, orders=1)
+    load_slopes = deflection_slopes(robot, balance, orders=1)  # (T, f, n_e)
+    F_l = Y.swapaxes(1, 2) @ load_slopes
     stiffness = float((robot.stiffness * spring_units(robot) ** 2).max())
     # the basis Y may jump between instants: Y_0' Y refers all to the basis Y_0 of the middle one
     return Y[len(t) // 2].T @ Y @ F_l / stiffness
 
 
 def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
-    """Find the singular point of the loaded robot near a geometric one that is crossed at `time` [s].
+    """Find the singular point of the loaded robot near the undeformed one crossed at `time` [s].
 
-    None for rigid robots and rigid geometry, which have no deflections to solve for. Also None unless
-    Newton's method converges to a root that is nearer to this crossing than to any other.
+    There the `loaded_tangent` is singular: g, by which it differs from a singular matrix, has a root. None
+    for rigid robots and rigid geometry, which have no deflections to solve for. Also None unless Newton's
+    method converges to a root that is nearer to this crossing than to any other.
     """
     if result.geometry == "rigid" or not result.robot.n_e:
         return None

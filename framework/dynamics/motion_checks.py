@@ -320,7 +320,11 @@ def _is_resolved_near(
 
 
 def unsettled_error(robot: ParallelRobot, solution: Pass) -> NotConverged:
-    """Return the error for deflections that did not converge, with the largest deflection."""
+    """Return the error for deflections that did not converge, with the largest deflection.
+
+    The forces of the last pass `caused` deflections (T, n_e) [rad, m]; one more pass would still change them
+    by the share `change` of the largest.
+    """
     size = np.abs(solution.caused / robot.column_scale[robot.elastic])  # (T, n_e) [rad, robot lengths]
     instant, k = np.unravel_index(np.argmax(size), size.shape)  # of the largest one
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"

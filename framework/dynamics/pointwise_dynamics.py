@@ -102,7 +102,7 @@ def dynamics_at(
             platform does not determine the joints.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
         SingularPose: the pose is singular of Type 2. There the torque is a limit. It is computed only if dddx
-            is given, the motion crosses the locus, and condition (8) holds.
+            is given, the motion crosses the locus, and condition (8), t_s . W_p = 0, holds.
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, dddx=dddx, wrenches=wrenches)
     motion = prescribed.motion

@@ -211,7 +211,7 @@ def measure_crossings(
 
 
 def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
-    """Refuse a singular point to which condition (8) does not apply.
+    """Refuse a singular point to which condition (8), t_s . W_p = 0, does not apply.
 
     Raises:
         UncontrolledMotions: several motions are uncontrolled at once, and the singularity is not of Type 2 or

@@ -172,7 +172,7 @@ def _curvature(
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute joint forces dV/dq - w . dx/dq (T, nv) under the load's share, and derivatives by the share.
+    """Compute joint forces dV/dq - w . dx/dq (T, nv) at q, and their derivatives by the load's share.
 
     The forces are springs - preload + share (preload + weight - wrench). Under the whole load, share 1, the
     preload cancels.

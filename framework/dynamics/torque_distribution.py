@@ -92,20 +92,24 @@ def second_differences(frames: Array) -> SparseRows:
 
 
 def least_peak_torques(torques: Array, projectors: Array, limit: Array, r: int) -> Array:
-    """Compute torques (T, n_a) of least peak over limits (n_a,), that differ by internal torques.
+    """Compute torques (T, n_a) of least peak over the limits, point by point.
+
+    Redundant motors add internal torques, which move nothing: those of r dimensions with coefficients x (r,).
+    At each point |torque| <= peak limit for all motors, and the peak is minimised.
 
     Args:
-        torques: (T, n_a) [N m], of any distribution.
-        projectors: (T, n_a, n_a) on the internal torques of r redundant motors.
+        torques: (T, n_a) [N m], of any distribution; returned if no motor counts or no solution is found.
+        projectors: (T, n_a, n_a) on the internal torques.
         limit: (n_a,) [N m]; infinite for motors that do not count.
+        r: number of redundant motors.
     """
     limited = np.flatnonzero(np.isfinite(limit))
     if not len(limited):
         return torques
-    unit = limit.min()
+    unit = limit.min()  # of x and of torques in the program
     points = SparseRows.identity(len(torques))  # each point has an x and a peak of its own
     rows = internal_rows(projectors, points, internal_frames(projectors, r))
-    bounds = [
+    bounds = [  # peak limit -+ torque >= 0
         AffineRows(
             {"x": sign * rows[motor], "peak": points * (limit[motor] / unit)}, sign * torques[:, motor] / unit
         )
@@ -113,10 +117,10 @@ def least_peak_torques(torques: Array, projectors: Array, limit: Array, r: int) 
         for sign in (-1.0, 1.0)
     ]
     count = len(torques)
-    unique = linear_rows(x=SparseRows.identity(r * count) * PEAK_ROUNDING)  # of all x, nearly the least
-    optimum = solve_cone_program(
-        ConeProgram({"x": r * count, "peak": count}, {"peak": np.ones(count)}, unique, nonnegative=bounds)
-    )
+    # |PEAK_ROUNDING x|^2 in the cost chooses nearly the least of all x with the same peak
+    smallest = linear_rows(x=SparseRows.identity(r * count) * PEAK_ROUNDING)
+    unknowns, cost = {"x": r * count, "peak": count}, {"peak": np.ones(count)}
+    optimum = solve_cone_program(ConeProgram(unknowns, cost, square=smallest, nonnegative=bounds))
     if isinstance(optimum, Unsolved):
         return torques
     return torques + unit * np.stack([row @ optimum["x"] for row in rows], axis=1)
@@ -287,7 +291,7 @@ class _SharedMotion:
         return internal
 
     def _largest_beside(self, x: Array) -> Array:
-        """Compute the largest torques (T, n_a) over the reference beside each node.
+        """Compute the largest torques (T, n_a) over the reference beside each node, for coefficients x.
 
         They are those at the INNER_POINTS of the intervals between the nodes of a cell.
         """

@@ -7,6 +7,7 @@ declares the change.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -71,7 +72,10 @@ class Conversions:
                 raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
             values[:, _columns_of(names, column, "--sign")] *= sign
         for column in self.unwrapped:
-            angles = _columns_of(names, column, "--unwrap")
+            chosen = _columns_of(names, column, "--unwrap")
+            angles = [k for k in chosen if "rad" in _units_of(names[k])]
+            if not angles:
+                raise InvalidInput(f"--unwrap {column}: has no angles")
             values[:, angles] = np.unwrap(values[:, angles], axis=0)
         for column, zero in self.zeros.items():
             values[:, _columns_of(names, column, "--zero")] -= zero
@@ -89,7 +93,8 @@ class Conversions:
         words = []
         for option, pairs in options.items():
             values = {k: v if isinstance(v, str) else f"{v:g}" for k, v in pairs.items()}
-            words += [option, *(f"{column}={value}" for column, value in values.items())] if pairs else []
+            pairs_in_words = [shlex.quote(f"{column}={value}") for column, value in values.items()]
+            words += [option, *pairs_in_words] if pairs else []
         return " ".join([*words, *(["--unwrap", *self.unwrapped] if self.unwrapped else [])])
 
 
@@ -104,21 +109,25 @@ def load_recording(
     conversions = conversions or Conversions()
     if not isinstance(data, Recording):
         data = read_recording(robot, data, headers=conversions.headers)
+    elif conversions.headers:
+        raise InvalidInput("--column: names columns of a file, and this recording has been read")
     check_recording(data)
     return conversions.convert(data)
 
 
 def _kind_of(column: str) -> str:
-    """Return the kind of a column, a key of UNITS."""
+    """Return the kind of a column, a key of UNITS: `torque` of `torque_left`, and of itself."""
     return next(kind for kind in UNITS if column == kind or column.startswith(f"{kind}_"))
 
 
 def _units_of(column: str) -> Mapping[str, float]:
-    """Return the units that a column may have, with their SI values."""
-    kind = _kind_of(column)
-    if kind == "platform" and column != kind:
+    """Return the SI values of the units that a column may have: `platform_x` only those of lengths.
+
+    The word `platform` itself stands for all its columns, with units of lengths and of angles.
+    """
+    if column.startswith("platform_"):
         return _LENGTH if column.removeprefix("platform_") in LINEAR_AXES else _ANGLE
-    return UNITS[kind]
+    return UNITS[_kind_of(column)]
 
 
 def _columns_of(names: Sequence[str], column: str, option: str) -> list[int]:
@@ -129,17 +138,27 @@ def _columns_of(names: Sequence[str], column: str, option: str) -> list[int]:
 
 
 def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
-    """Yield changes of columns of some kinds that people forget: unit, sign, exchange, whole motors."""
+    """Yield the conversions that people forget to state, one at a time.
+
+    They are another unit or the opposite sign of a column or of all columns of a kind, the exchange of two
+    columns of a kind, and a motor whose angle and torque are both affected.
+
+    Args:
+        kinds: of the columns that are suspected, keys of UNITS.
+    """
     for kind in kinds:
         names = [name for name in data.names if _kind_of(name) == kind]
         for column in [kind, *names] if len(names) > 1 else names:
-            some = [column] if column != kind else names  # a unit of all is one that some may have
-            units = {unit: value for name in some for unit, value in _units_of(name).items()}
-            yield from (Conversions(units={column: unit}) for unit, value in units.items() if value != 1.0)
+            affected = names if column == kind else [column]
+            units = {unit: value for name in affected for unit, value in _units_of(name).items()}
+            for unit, value in units.items():
+                if value != 1.0:  # not the SI unit, which is assumed
+                    yield Conversions(units={column: unit})
             if kind != "time":
                 yield Conversions(signs={column: -1.0})
-        pairs = [pair for pair in combinations(names, 2) if _units_of(pair[0]) is _units_of(pair[1])]
-        yield from (Conversions(swaps={one: other}) for one, other in pairs)
+        for one, other in combinations(names, 2):
+            if _units_of(one) == _units_of(other):
+                yield Conversions(swaps={one: other})
     if "torque" in kinds:  # a motor that turns the other way, or two whose plugs are exchanged
         motors = [name.removeprefix("torque_") for name in data.names if _kind_of(name) == "torque"]
         both = {joint: (f"motor_angle_{joint}", f"torque_{joint}") for joint in motors}

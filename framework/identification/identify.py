@@ -289,7 +289,7 @@ def identify(
 
     # equations of the recorded motion, for the fit and for validation
     data = load_recording(robot, data, conversions)
-    check_signals(robot, data)
+    check_signals(robot, data, poses)
     _refuse_mistaken_columns(robot, base, data, poses, start)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, start=start, progress=progress)
     rows = torque_rows(robot, measured, base)
@@ -298,7 +298,7 @@ def identify(
         test, rows = rows.restrict(is_test), rows.restrict(~is_test)
     else:
         judge = load_recording(robot, held_out, conversions)
-        check_signals(robot, judge)
+        check_signals(robot, judge, poses)
         other = measured_motion(robot, judge, cutoff=cutoff, poses=poses, start=start)
         test = torque_rows(robot, other, base, exact_motion=True)
 

@@ -169,24 +169,29 @@ def measured_motion(
     )
 
 
-def check_signals(robot: ParallelRobot, data: Recording) -> None:
+def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = None) -> None:
     """Raise InvalidInput for columns that are missing, too short, begin anew after a turn, or have spikes.
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most other
     samples: no motor starts or stops between two samples. A spike is a sample far from the median of itself
-    and its neighbours, which steps of friction leave alone.
+    and its neighbours, which steps of friction leave alone. Neither is looked for at gaps in time,
+    over which a fast motor makes whole turns. The platform is checked unless `poses` leave it out.
     """
     turn = 2.0 * np.pi
     spread = 0.99  # share of the samples whose distance from the median is noise
     least_spike = 0.05  # of the column's range, above counts of an encoder
-    data.column("time")
+    largest_step = 1.5  # of time, over the median step; longer ones are gaps
+    time_steps = np.diff(data.column("time"))
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    kinds = ("motor_angle", "torque")
-    names = [f"{kind}_{joint}" for kind in kinds for joint in robot.actuator_names]
-    columns = np.hstack([data.columns(kind, robot.actuator_names) for kind in kinds])  # (T, 2 n_a)
+    is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
+    kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
+    if poses != "motors" and data.has("platform", robot.axis_names):
+        kinds["platform"] = robot.axis_names
+    names = [f"{kind}_{ending}" for kind, endings in kinds.items() for ending in endings]
+    columns = np.hstack([data.columns(kind, endings) for kind, endings in kinds.items()])  # (T, k)
     for name, values in zip(names, columns.T, strict=True):
-        steps = np.abs(np.diff(values))
+        steps = np.where(is_usual, np.abs(np.diff(values)), 0.0)
         turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
         others = np.delete(steps, turns)
         if name.startswith("motor") and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
@@ -195,7 +200,7 @@ def check_signals(robot: ParallelRobot, data: Recording) -> None:
                 f"--unwrap {name} counts on"
             )
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
-        distance = np.abs(values[1:-1] - beside)
+        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)
         limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values))
         spikes = 1 + np.flatnonzero(distance > limit)
         if len(spikes):
@@ -496,7 +501,10 @@ def _motor_misfit(
     if largest > MAX_MOTOR_MISFIT:
         zero = float(np.mean(offset[:, motor]))
         rest = motor_distances(robot, offset - zero)[:, motor].max()
-        advice = "look at zero, sign and gear ratio, or at the assembly mode of the robot file"
+        advice = (
+            "look at zero, sign and gear ratio, at the assembly mode of the robot file, or at the frame of "
+            "the platform, which --poses motors leaves out"
+        )
         if rest < 0.1 * largest:
             reading = -zero * float(robot.gear_ratio[motor])
             advice = (

@@ -130,9 +130,12 @@ def read_recording(
     text_rows = csv_rows(f"{file}", text)
     header = [name.strip() for name in next(text_rows, (1, [""]))[1]]
     for name, word in headers.items():
-        check_choice("column of --column", name, recording_columns(robot))
+        if not name.startswith(DISTANCE):
+            check_choice("column of --column", name, recording_columns(robot))
         check_choice("header of --column", word, header)
     names = {word: name for name, word in headers.items()}
+    if len(names) < len(headers):
+        raise InvalidInput(f"--column: {len(headers)} names for {len(names)} header of {file}")
     header = [names.get(word, word) for word in header]
     # the header must name columns of this robot, each once
     valid = recording_columns(robot)

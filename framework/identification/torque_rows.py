@@ -48,36 +48,47 @@ def torque_rows(
 ) -> TorqueRows:
     """Compute the equations of the motor torques at the T instants of a recorded motion.
 
-    An exact motion has an empty response.
+    The n balances of the platform, G' tau = matrix theta + constant of `parameter_regressor`, with parameters
+    theta and torques tau (n_a,), become an equation for each motor by B = E (G' E)^+ from the left. E holds
+    the motors' RMS torques: of all tau that meet the balances, B gives that with the least |E^-1 tau|. Valid
+    are the equations away from Type 2 whose friction and acceleration are known.
+
+    Args:
+        base: the base parameters; the columns `leading` of the regressor are theirs.
+        exact_motion: whether accelerations are without error; the response to errors is then empty.
     """
     chunk = 512  # instants whose regressors of all joints are in memory at once
     leading = base.combinations.leading
-    scale = np.sqrt(np.mean(measured.torque**2, axis=0))  # (n_a,) the diagonal of E
-    matrices, responses, constants, torques, least = [], [], [], [], []
+    rms_torque = np.sqrt(np.mean(measured.torque**2, axis=0))  # (n_a,) the diagonal of E
+    parts = []  # of t instants each: matrix, response, constant, torque, clearance
     for start in range(0, len(measured.times), chunk):
         part = slice(start, start + chunk)
         motion = measured.motion.select(part)
         regressor = parameter_regressor(robot, motion, base.described)
-        scaled_G = regressor.motors * scale  # (t, n, n_a) G' E
-        B = scale[:, None] * np.linalg.pinv(scaled_G)  # (t, n_a, n)
-        matrices.append(B @ regressor.matrix[:, :, leading])
+        G_E = regressor.motors * rms_torque  # (t, n, n_a) G' E
+        B = rms_torque[:, None] * np.linalg.pinv(G_E)  # (t, n_a, n)
+        matrix = B @ regressor.matrix[:, :, leading]  # (t, n_a, r)
+        response = np.empty(0)
         if not exact_motion:
-            responses.append(_response(robot, motion, base, B, of_motors=measured.source == "motors"))
-        constants.append(np.matvec(B, regressor.constant))
-        torques.append(np.matvec(B @ regressor.motors, measured.torque[part]))
+            response = _response(robot, motion, base, B, of_motors=measured.source == "motors")
+        constant = np.matvec(B, regressor.constant)  # (t, n_a)
+        torque = np.matvec(B @ regressor.motors, measured.torque[part])  # (t, n_a)
+        # the distance from Type 2: the least singular value of the dimensionless G' behind the gears
         unit_G = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-        least.append(singular_values(unit_G / robot.gear_ratio)[:, -1])
-    clearances = np.concatenate(least)  # (T,) distances from Type 2
+        clearance = singular_values(unit_G / robot.gear_ratio)[:, -1]  # (t,)
+        parts.append((matrix, response, constant, torque, clearance))
+    matrix, response, constant, torque, clearance = map(np.concatenate, zip(*parts, strict=True))
+
     sign_known = measured.sign_known
-    usable = measured.acceleration_known & (clearances > MIN_NOISE_RATIO * clearances.max())  # (T,)
+    usable = measured.acceleration_known & (clearance > MIN_NOISE_RATIO * clearance.max())  # (T,)
     if robot.n_a > robot.n:  # the friction of one motor is in the equations of all
         sign_known = np.repeat(sign_known.all(axis=1, keepdims=True), robot.n_a, axis=1)
     return TorqueRows(
         times=measured.times,
-        matrix=np.concatenate(matrices),
-        response=np.concatenate(responses or [np.empty(0)]),
-        constant=np.concatenate(constants),
-        torque=np.concatenate(torques),
+        matrix=matrix,
+        response=response,
+        constant=constant,
+        torque=torque,
         valid=sign_known & usable[:, None],
         independent=robot.n / robot.n_a,
         errors=measured.errors,

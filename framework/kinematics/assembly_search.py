@@ -86,17 +86,20 @@ def _search_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPos
 
 
 def _close_again(mechanism: Mechanism, q: Array) -> Array:
-    """Close the loops once more about the pose q (nq,) found, as its own reference.
+    """Close the loops once more, with the pose q (nq,) that was found as the reference.
 
-    Lengths of a robot are measured at its reference, and offsets from a far one have its rounding: of a slide
-    stated at 1e6 m loops that count as closed stay a millimetre apart.
+    Offsets from a far reference have its rounding. With a slide stated at 1e6 m, loops that count as closed
+    are still a millimetre apart.
     """
     there = mechanism.with_nearby_pose(q)
-    lower, upper = _joint_ranges(there)
-    step = np.zeros(there.nv)
+    lower, upper = _joint_ranges(there)  # of offsets from q
+    offsets = np.zeros(there.nv)  # [rad, robot lengths]
     for group in _group_loops(there, lower, upper):
-        step[group.columns] = group.close(np.clip(0.0, group.lower, group.upper))[0]
-    return integrate(there, there.q_near, step * there.column_scale)
+        start = np.clip(
+            0.0, group.lower, group.upper
+        )  # q itself, but for a joint beyond its range by rounding
+        offsets[group.columns], _residual = group.close(start)
+    return integrate(there, there.q_near, offsets * there.column_scale)
 
 
 def can_close(

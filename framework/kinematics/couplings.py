@@ -71,9 +71,13 @@ def coupling_pattern(rows: LoopRows, nv: int) -> BoolArray:
 
 
 def _scatter_slopes(rows: LoopRows, slopes: Array, nv: int) -> Array:
-    """Return slopes (..., c, K) along the couplings' joints as (..., m, nv)."""
+    """Return slopes (..., c, K) of c couplings by K joints each as matrices (..., m, nv) of all m rows.
+
+    Rows that are no couplings are zero. A coupling of fewer than K joints repeats one with the slope 0.
+    """
     result = np.zeros((*slopes.shape[:-2], len(rows.names), nv))
-    coupled = np.flatnonzero(rows.coupled)
-    for k in range(slopes.shape[-1]):  # joints that only fill up have the slope 0
-        result[..., coupled, rows.columns[coupled, k]] += slopes[..., k]
+    coupled = np.flatnonzero(rows.coupled)  # (c,)
+    for k in range(slopes.shape[-1]):
+        joint = rows.columns[coupled, k]  # (c,) the k-th joint of each coupling
+        result[..., coupled, joint] += slopes[..., k]
     return result

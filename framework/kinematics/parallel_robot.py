@@ -297,20 +297,21 @@ class Equations(ReadOnlyArrays):
         """Make the table of the equations and of the sparsity of their Jacobian.
 
         Args:
-            structure: which loop equations are independent.
+            structure: which m loop equations are independent, and which R span these in all poses.
             columns: columns (k,) of the moving joints, those of the n_a motors first.
             n_a: number of motors.
         """
+        # the R rows, of all loop equations and of those that only rounded dimensions keep from redundancy
         rows = mechanism.rows.append(mechanism.rounded).take(structure.spanning)
         carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame
         n = platform.n
-        carries_platform = carried[0]  # the platform is frame 0
+        carries_platform = carried[0]  # (nv,); the platform is frame 0
         signs = np.concatenate([platform.joint_incidence(carries_platform), rows.joint_signs(carried)])
-        pattern = signs != 0.0
+        pattern = signs != 0.0  # (n + R, nv)
         pattern[n:] |= coupling_pattern(rows, mechanism.nv)
-        if structure.varies:  # a combination may have an entry wherever a row has one
+        if structure.varies:  # m combinations of the R rows; each may have an entry wherever a row has one
             combination = np.repeat(pattern[n:].any(axis=0)[None], len(structure.independent), axis=0)
-            pattern = np.concatenate([pattern[:n], combination])
+            pattern = np.concatenate([pattern[:n], combination])  # (n + m, nv)
         equations = np.arange(len(pattern))
         return Equations(
             loops=mechanism.rows.take(structure.independent),

@@ -340,7 +340,7 @@ class SpeedSpace(NamedTuple):
         width: float = 0.2,  # in xi, within which coefficients of splines change together
         independence: float = 1e-4,  # variance of changes of single coefficients over that of these
     ) -> Array:
-        """Return W^-1 (size, size), where step' W step is the cost of changing y by a step.
+        """Return W^-1 (n, n), where step' W step is the cost of changing the coefficients y (n,) by a step.
 
         Splines have W^-1 = diag(y) K diag(y), so that coefficients change in proportion to their size, and
         with K = exp(-(distance / width)^2) + independence I hardly otherwise than their neighbours. For a
@@ -348,19 +348,21 @@ class SpeedSpace(NamedTuple):
         to z, step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that
         grows with the degree.
         """
-        size = len(y)
+        n = len(y)
         if self.basis.is_spline:
-            size = np.maximum(np.abs(y), min_relative_size * np.abs(y).mean())
+            size = np.maximum(np.abs(y), min_relative_size * np.abs(y).mean())  # (n,)
             distance = (self.basis.centres[:, None] - self.basis.centres) / width
-            kernel = np.exp(-(distance**2)) + independence * np.eye(len(y))
-            return size[:, None] * kernel * size
+            K = np.exp(-(distance**2)) + independence * np.eye(n)
+            return size[:, None] * K * size
+        degree = np.arange(n)
         if not relative:
-            return np.diag((1.0 + np.arange(size)) ** -degree_weight_power)
-        # (4 size, size) T_k at four samples for each coefficient
-        values = chebyshev.chebvander(nodes(4 * size), size - 1)
+            return np.diag((1.0 + degree) ** -degree_weight_power)
+        values = chebyshev.chebvander(
+            nodes(4 * n), n - 1
+        )  # (4 n, n) T_k at four samples for each coefficient
         z = values @ y
         change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
-        degree_cost = np.diag((np.arange(size) / free_degree) ** degree_weight_power)
+        degree_cost = np.diag((degree / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
     def _linearise_instants(self, y: Array, at: Array, edges: Array | None = None) -> LinearInstants:

@@ -242,17 +242,21 @@ class LockedDirections(NamedTuple):
 
 
 def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> LockedDirections:
-    """Return the axes that closures keep parallel: one if two rotations are locked, two if all.
+    """Return the pairs of axes, one of each frame, that closures keep parallel.
 
-    `frames` are the names of the mechanism's frames.
+    A closure that leaves one rotation free keeps the axis of this rotation parallel in both frames. One that
+    locks all rotations keeps all three axes parallel; two pairs say so, since the third follows.
+
+    Args:
+        frames: names of the mechanism's frames.
     """
     first, second, axes, names = [], [], [], []  # of each pair of axes: both frames, the axis, the closure
     for closure in closures:
-        free = _free_turns(closure)
+        free = _free_turns(closure)  # axes 0..2
         if len(free) > 1:  # no axes stay parallel
             continue
-        # the axis of a free turn stays parallel; without a free turn all axes do, and the third if two do
-        for k in free if free else (0, 1):
+        parallel = free if free else [0, 1]
+        for k in parallel:
             first.append(frames.index(closure.frames[0]))
             second.append(frames.index(closure.frames[1]))
             axes.append(k)

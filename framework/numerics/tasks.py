@@ -151,10 +151,16 @@ class Workers(Executor):
         self._alive: set[SpawnProcess] = set()  # all processes
         self._idle: list[_Worker] = []  # processes without a task
         self._stopped = False  # whether no process may start any more
+        self._pickled: tuple[Callable[..., Any] | None, bytes] = (None, b"")  # the last function
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """Submit a call; the future raises `LostWorkers` if MAX_TRIES processes are lost."""
-        return self._threads.submit(self._call_in_worker, fn, args, kwargs)
+        """Submit a call; the future raises `LostWorkers` if MAX_TRIES processes are lost.
+
+        It is pickled here, a function once: a thread could not while this one caches properties of `fn`.
+        """
+        if fn is not self._pickled[0]:
+            self._pickled = fn, pickle.dumps(fn)
+        return self._threads.submit(self._call_in_worker, self._pickled[1], pickle.dumps((args, kwargs)))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more tasks; wait for accepted tasks, or drop tasks that have not begun; end processes."""
@@ -182,13 +188,13 @@ class Workers(Executor):
             self.stop()
             raise
 
-    def _call_in_worker(self, fn: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what a worker process computes with `arguments` (args, kwargs), or raise its error.
+    def _call_in_worker(self, *call: bytes) -> Any:
+        """Return what a worker process computes from a function and (args, kwargs), or raise its error.
 
         Raises:
             LostWorkers: no process can be started, or MAX_TRIES processes were lost over the call.
         """
-        message = pickle.dumps((pickle.dumps(fn), arguments))
+        message = pickle.dumps(call)
         for _ in range(MAX_TRIES):
             with self._lock:
                 idle = self._idle.pop() if self._idle else None
@@ -255,7 +261,8 @@ def _serve_calls(pipe: Connection) -> None:
 def _answer_call(call: bytes) -> bytes:
     """Return the pickled answer to a pickled call: (True, result) or (False, error)."""
     try:
-        fn, (args, kwargs) = pickle.loads(call)
+        fn, arguments = pickle.loads(call)
+        args, kwargs = pickle.loads(arguments)
         return pickle.dumps((True, _load_function(fn)(*args, **kwargs)))
     except Exception as error:  # noqa: BLE001 - an executor returns all errors of tasks
         error.add_note(f"in a worker process:\n{traceback.format_exc()}")

@@ -44,7 +44,7 @@ class Deflection(NamedTuple):
 
 
 def imposed_point(branch: Branch, s: float) -> SingularPoint:
-    """Return the point at s where the user imposes condition (8).
+    """Return the point at s where the user imposes condition (8), t_s . W_p = 0.
 
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
     motion that the motors control least.
@@ -88,7 +88,8 @@ def require_effect(branch: Branch, crossing: SingularPoint, *, deflected: bool) 
 def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point.
 
-    Each coefficient is the power of these generalised forces in the uncontrolled motion:
+    It is t_s . W_p = alpha s" + beta s'^2 + gamma + delta s' = 0. Each coefficient is the power of these
+    generalised forces in the uncontrolled motion, whose twist t_s has unit size:
 
         alpha: inertia at s" = 1
         beta:  inertia at s' = 1

@@ -30,7 +30,7 @@ class CrossingTime(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
-    """A path, its singular points, and the points where condition (8) is to hold.
+    """A path, its singular points, and the points where condition (8), t_s . W_p = 0, is to hold.
 
     searched: the path with its singular points, under the wrenches of the request.
     crossing_points: the points where condition (8) is to hold, singular ones or imposed by the user. They
@@ -54,7 +54,7 @@ class PathToCross:
 
 
 def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool = True) -> PathToCross:
-    """Choose the points at which a request asks for condition (8).
+    """Choose the points at which a request asks for condition (8), t_s . W_p = 0.
 
     They are the imposed points, if any, else the singular ones. An empty list of times asks for a law without
     crossing conditions, and so for no points. Singular points that no law can cross are refused; imposed
@@ -88,7 +88,7 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
 
 
 def _with_condition(branch: Branch, point: SingularPoint) -> SingularPoint:
-    """Return a point with its condition (8), springs at rest."""
+    """Return a point with the coefficients of its condition (8), t_s . W_p = 0, springs at rest."""
     return replace(point, condition=coefficients_at(branch, point, None))
 
 
@@ -149,8 +149,8 @@ def is_at_path_end(singular: SingularPoint) -> bool:
 def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint]) -> None:
     """Refuse points at which the polynomial law would have several conditions to meet.
 
-    Where the path touches the locus, finite torques need condition (8) and its time derivative. A point where
-    several motions are uncontrolled at once needs one condition for each motion.
+    Where the path touches the locus, finite torques need condition (8), t_s . W_p = 0, and its time
+    derivative. A point where several motions t_s are uncontrolled at once needs one condition for each.
 
     Raises:
         NoLaw: there is such a point; the message names a remedy.

@@ -130,7 +130,7 @@ class CrossingTracker:
     points: the crossing points of the undeformed robot.
     times: (k,) [s] of the crossings.
     tracked: the singular points with the last deflections; None before the first ones.
-    crossings: the points with the last deflections, each with its condition (8).
+    crossings: the points with the last deflections, each with its condition (8), t_s . W_p = 0.
     """
 
     branch: Branch
@@ -141,6 +141,10 @@ class CrossingTracker:
 
     def follow(self, deflections: Callable[[Any, int], Array]) -> list[SingularPoint]:
         """Return the crossing points of the deflected robot, each with its condition (8).
+
+        Condition (8), t_s . W_p = 0, gives the s" for which no work is required in the uncontrolled motion
+        t_s. The points are followed from those of the last call, which `tracked` and `crossings` hold; points
+        that the user imposes stay where they are.
 
         Args:
             deflections: deflections (k, n_e) and their time derivatives as a function of times and order.

@@ -32,8 +32,11 @@ from framework.tolerances import RANK_ROUNDING
 class Feasibility:
     """Condition (8) of the undeformed robot at a singular point, and how t_s lies to weight and path.
 
+    It is t_s . W_p = 0 with the platform's twist t_s in the uncontrolled motion, and the wrench W_p that the
+    motion along the path requires.
+
     s: path coordinate of the singular point.
-    condition: coefficients of condition (8) there.
+    condition: coefficients of t_s . W_p = alpha s" + beta s'^2 + gamma + delta s'.
     weight_share: |cos| of the angle between gravity and the velocity of the centre of mass in the
         uncontrolled motion; on massless legs, the share of the weight along t_s.
     tangent_share: |cos| of the angle between the path's tangent and t_s. Rotations are multiplied by the
@@ -194,7 +197,7 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
 
 
 def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
-    """Compute condition (8) at each singular point of a path, as `feasibility_at` does."""
+    """Compute condition (8), t_s . W_p = 0, at each singular point of a path, as `feasibility_at` does."""
     return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
 
 
@@ -210,7 +213,7 @@ def _cosine(a: Array, b: Array) -> float:
 
 
 def is_crossable(searched: SearchedPath) -> bool:
-    """Return whether condition (8) admits a law at each singular point of a searched path.
+    """Return whether condition (8), t_s . W_p = 0, admits a law at each singular point of a path.
 
     It admits none where several motions are uncontrolled or the singularity is not of Type 2 (both without a
     feasibility), where the path touches the locus or ends on it, and where no speed or acceleration meets it.
@@ -244,7 +247,7 @@ class OptimalDurations(NamedTuple):
         """The durations, in one line."""
         if self.shortest is None:
             return f"within the limits no law of free shape was found ({self.refusal})"
-        if not self.shortest:  # 0: there are no limits
+        if self.shortest == 0.0:  # there are no limits
             return "without limits a law of free shape can be as quick or as slow as you like"
         return (
             f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "

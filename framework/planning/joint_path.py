@@ -120,7 +120,7 @@ def flip_legs(
     """
 
     def is_end(q: Array) -> bool:
-        """Return whether the platform is at the goal, and just these motors are elsewhere."""
+        """Return whether at q (nq,) the platform is at the goal, and just these motors are elsewhere."""
         return _is_same_place(robot, q, goal) and is_flip(robot, q, goal, motors)
 
     return _choose_path(robot, start, modes, goal, is_end, motors)
@@ -384,7 +384,7 @@ def _is_same_place(robot: ParallelRobot, q: Array, expected: Array) -> bool:
 
 
 def _distances(robot: ParallelRobot, q: Array, expected: Array) -> Array:
-    """Compute the distances (nv,) of all joints of two poses (nq,), less whole turns [rad, lengths]."""
+    """Compute distances (nv,) of all joints of q from those expected, less whole turns [rad, lengths]."""
     offset = difference(robot, expected, q)
     turns = np.where(robot.sliding, 0.0, np.round(offset / (2.0 * np.pi)) * 2.0 * np.pi)
     return np.abs((offset - turns) / robot.column_scale)

@@ -283,8 +283,9 @@ class ModelOnMotion:
     def _correct_law(self, deflections: TimeFunction) -> CorrectedLaw:
         """Correct the law to meet the model's condition (8) under deflections over time.
 
-        At each crossing s and s" become those of the model's singular point nearest to it, as deflected; s'
-        stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
+        Condition (8), alpha s" + beta s'^2 + gamma = 0 at a crossing, says that no power is required in the
+        uncontrolled motion t_s. At each crossing s and s" become those of the model's singular point nearest
+        to it, as deflected; s' stays as planned. Dry friction adds its power in t_s to gamma.
 
         Args:
             deflections: deflections (n_e) [m, rad] as a function of time.
@@ -309,16 +310,16 @@ class ModelOnMotion:
             friction = self.friction * self._rate_signs(times)
 
         planned = np.array([(each.s, each.speed, each.acceleration) for each in crossings]).reshape(-1, 3)
-        corrected = planned.copy()
-        for row, point, force in zip(corrected, points, friction, strict=True):  # views of `corrected`
+        corrected = planned.copy()  # (k, 3) s, s', s" at the crossings
+        for k, (point, force) in enumerate(zip(points, friction, strict=True)):
             condition = point.condition
             assert condition is not None  # of a followed point
             condition = condition._replace(gamma=condition.gamma + float(force @ point.motion))
-            row[0] = point.s
+            corrected[k, 0] = point.s
             if not condition.holds_anyway:
                 if condition.alpha == 0.0:
                     raise NotConverged("no acceleration at the crossing meets the model's condition (8)")
-                row[2] = condition.acceleration(row[1])
+                corrected[k, 2] = condition.acceleration(planned[k, 1])
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
         has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0

@@ -1,9 +1,9 @@
 """The least bend of a path that lets a robot cross where no timing can.
 
 t_s is the platform's twist that the motors do not control at a crossing. Where a path runs orthogonal to t_s,
-the acceleration s" of a law has no effect on condition (8). So the tangent at the crossing s = c is turned
-towards t_s. The path becomes x(s) + k d b(s) with a factor k, where d are the rates of the platform
-coordinates that move the platform along t_s, and
+the acceleration s" of a law has no effect on condition (8), t_s . W_p = 0. So the tangent at the crossing
+s = c is turned towards t_s. The path becomes x(s) + k d b(s) with a factor k, where d are the rates of the
+platform coordinates that move the platform along t_s, and
 
     b(s) = (s / m)^(N m) ((1 - s) / (1 - m))^(N (1 - m)),  b"(c) = 0,
 

@@ -169,7 +169,8 @@ def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 def _plan_with_either_law(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with a polynomial, or with the optimal law where the polynomial is refused or not good enough."""
-    # polynomials through several points seldom advance, and to search for one takes longer than a free law
+    # Polynomials through several points seldom advance, s' > 0. Without springs, n_e = 0, an optimal law is
+    # found sooner than times and speeds with which a polynomial advances.
     is_searched = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS or to_cross.branch.robot.n_e > 0
     try:
         plan = plan_polynomial(to_cross, request, searched=is_searched)

@@ -56,7 +56,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
     further where deflections or torques are not resolved, since a law of more coefficients can bend less.
 
     Args:
-        to_cross: the path, with the points where condition (8) is to hold.
+        to_cross: the path, with the points where condition (8), t_s . W_p = 0, is to hold.
         searched: whether open times and speeds are searched if none of the first ones will do.
 
     Raises:
@@ -218,7 +218,7 @@ def _find_balanced_law(
         return _solve_law(crossings, timing, request, high, c)
 
     def law_on_panels(c: Array) -> InTime:
-        """Return the same with its panels."""
+        """Return the law of `law_of` for c (k,) [1/s^2] with its panels."""
         return InTime(law_of(c), edges)
 
     for _ in range(max_balances):
@@ -245,7 +245,7 @@ def _solve_law(
     """Solve for the polynomial with the s, s' and s" of each crossing.
 
     Args:
-        crossings: k points with their s, each with the condition (8) that gives s" for s'.
+        crossings: k points with their s, each with the condition t_s . W_p = 0, (8), that gives s" for s'.
         timing: times and speeds s' of the crossings.
         high: coefficients of the law above its least degree.
         changes: (k,) [1/s^2] of s" at the crossings, added to those of the conditions; none by default.
@@ -328,7 +328,7 @@ def _measure_laws(
     """Compute least speed ratio and peak |s"| (m,) [1/s^2] of m laws through k crossings.
 
     Args:
-        times, speeds: (m, k) of the crossings [s], s' [1/s]; condition (8) adds s".
+        times, speeds: (m, k) of the crossings [s], s' [1/s]; condition (8), t_s . W_p = 0, adds s".
     """
     accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
     for k, point in enumerate(crossings):

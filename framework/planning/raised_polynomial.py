@@ -66,7 +66,7 @@ class RaisedDegree:
     ends: those at ends in motion; the others vanish.
     places: s (k,) of the crossings.
     times: (k,) [s].
-    conditions: (8) at each crossing.
+    conditions: coefficients of condition (8), alpha s" + beta s'^2 + gamma + delta s' = 0, at each crossing.
     enough: advance from which on |s""| is minimised instead.
     """
 
@@ -141,14 +141,18 @@ class RaisedDegree:
 
     @cached_property
     def _to_s(self) -> Array:
-        """The matrix (degree + 1, size) from coefficients of p to those of s, with s = 0 at the start."""
+        """The matrix (degree + 1, size) from Chebyshev coefficients of p to those of s, 0 at the start.
+
+        With x in [-1, 1] over the duration, s is the integral of ds/dx = (1 + x)^a (1 - x)^b p(x): the bump
+        (1 + x)^a (1 - x)^b gives a law at rest its a and b vanishing derivatives of s at the ends.
+        """
         a, b = self.ends.zeros(self.smoothness)
-        size = self.degree - a - b
+        size = self.degree - a - b  # of p
         bump = chebyshev.chebmul(chebyshev.chebpow([1.0, 1.0], a), chebyshev.chebpow([1.0, -1.0], b))
-        columns = [chebyshev.chebint(chebyshev.chebmul(bump, unit), lbnd=-1) for unit in np.eye(size)]
         matrix = np.zeros((self.degree + 1, size))
-        for column, coefficients in zip(matrix.T, columns, strict=True):
-            column[: len(coefficients)] = coefficients
+        for k, unit in enumerate(np.eye(size)):  # p = T_k
+            s = chebyshev.chebint(chebyshev.chebmul(bump, unit), lbnd=-1)
+            matrix[: len(s), k] = s
         return matrix
 
     def _rows_at(self, x: Array, order: int) -> Array:
@@ -189,7 +193,10 @@ class RaisedDegree:
         return np.asarray(chebyshev.chebvander(x, size - 1) / self._constant), self._rows_at(x, HIGHEST_ORDER)
 
     def _acceleration(self, speeds: Array) -> tuple[Array, Array]:
-        """Return s" (k,) of condition (8) at speeds (k,), and its slope, in paths and durations."""
+        """Return s" (k,) of condition (8) at speeds s' (k,), and its slope, in paths and durations.
+
+        The condition is alpha s" + beta s'^2 + delta s' + gamma = 0 at each crossing.
+        """
         v = speeds / self.duration
         values, slopes = np.empty_like(v), np.empty_like(v)
         for k, condition in enumerate(self.conditions):

@@ -153,7 +153,7 @@ PRINTED_DIGITS = 4  # of advised limits and durations, which are tried as they a
 
 
 class UnmetCondition(NamedTuple):
-    """A condition (8) alpha s" + beta s'^2 + gamma = 0 at s that no motion can meet.
+    """A condition (8), t_s . W_p = alpha s" + beta s'^2 + gamma = 0 at s, that no motion can meet.
 
     stop: whether the path starts or ends at s, where s' = s" = 0 and gamma is not zero. Otherwise alpha is
         zero, and beta s'^2 + gamma vanishes for no s'^2 > 0.

@@ -551,12 +551,13 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
     Raises:
         InvalidInput: a value of the file differs by more than rounding.
     """
-    if isinstance(computed, Mapping) and isinstance(stated, Mapping):
+    if isinstance(computed, Mapping) and isinstance(stated, Mapping):  # key by key
+        sizes = size or {}
         for name, part in computed.items():
-            _check_value(below(key, name), stated.get(name, MISSING), part, (size or {}).get(name))
+            _check_value(below(key, name), stated.get(name, MISSING), part, sizes.get(name))
         return
     has_entries = isinstance(computed, list) and all(isinstance(entry, Mapping) for entry in computed)
-    if has_entries and isinstance(stated, list):
+    if has_entries and isinstance(stated, list):  # mapping by mapping, all with the same sizes
         _check_value(key, len(stated), len(computed), None)
         for k, (stated_entry, entry) in enumerate(zip(stated, computed, strict=True)):
             _check_value(f"{key}[{k}]", stated_entry, entry, size)

@@ -59,6 +59,9 @@ def solve_legs(
 ) -> LegSolutions:
     """Find all positions of joints that close the loops, and solve the platform's equations if x is given.
 
+    A leg is a set of joints with the equations that determine these once the joints that it needs, of other
+    legs, have their positions (`split_legs`).
+
     Args:
         q: (nq,) configuration in which the joints that move are as at the reference; the others stay.
         columns: (k,) of the joints that move.
@@ -70,21 +73,24 @@ def solve_legs(
     solutions = _search_solutions(robot, q, columns, legs, x, start_count)
 
     # combine the solutions, a leg after those on which it depends
-    configurations = q[None]  # (C, nq)
+    configurations = q[None]  # (C, nq) of the legs combined so far
     counts = [0] * len(legs)
     truncated = False
     pending = columns  # of the legs that are not combined yet
     for k in sorted(range(len(legs)), key=lambda k: len(legs[k].needed)):
-        own = columns[legs[k].columns]
+        leg, own = legs[k], columns[legs[k].columns]
         steps = solutions[k] * robot.column_scale[own]  # (S, joints) [rad, m]
         pending = np.setdiff1d(pending, own)
-        depends = len(legs[k].needed) > 0
-        tried = _set_joints(robot, configurations if depends else q[None], own, steps)
-        others = pending if depends else np.setdiff1d(columns, own)
-        closed = _closed_and_distinct(robot, tried, legs[k].rows, others, x)
-        choice = closed % max(len(steps), 1)  # solution of this leg in each configuration
-        counts[k] = len(np.unique(choice))
-        configurations = tried[closed] if depends else _set_joints(robot, configurations, own, steps[choice])
+        if len(leg.needed):  # whether a solution closes depends on the configuration of the other legs
+            tried = _set_joints(robot, configurations, own, steps)  # (C S, nq)
+            closed = _closed_and_distinct(robot, tried, leg.rows, pending, x)
+            configurations = tried[closed]
+            counts[k] = len(np.unique(closed % len(steps)))  # solutions that close in any configuration
+        else:  # a solution closes in all configurations or in none
+            alone = _set_joints(robot, q[None], own, steps)  # (S, nq)
+            closed = _closed_and_distinct(robot, alone, leg.rows, np.setdiff1d(columns, own), x)
+            configurations = _set_joints(robot, configurations, own, steps[closed])
+            counts[k] = len(closed)
         truncated |= len(configurations) > MAX_COMBINATIONS
         configurations = configurations[:MAX_COMBINATIONS]
 
@@ -92,10 +98,9 @@ def solve_legs(
         _is_leg_complete(robot, leg, columns, leg_solutions, configurations, q, x)
         for leg, leg_solutions in zip(legs, solutions, strict=True)
     ]
-    all_rows = scaled_equations(
-        robot, robot.rows, frames_at(robot, configurations)
-    ).residual  # redundant ones, too
-    is_closed = np.abs(all_rows).max(axis=1, initial=0.0) < LOOP_GAP
+    # the legs have the independent loop equations; the redundant ones have to close, too
+    gaps = scaled_equations(robot, robot.rows, frames_at(robot, configurations)).residual
+    is_closed = np.abs(gaps).max(axis=1, initial=0.0) < LOOP_GAP
     return LegSolutions(configurations[is_closed], legs, tuple(counts), tuple(complete), truncated)
 
 

@@ -100,21 +100,27 @@ def draw_robot(
 
 
 def _coil_lines(robot: ParallelRobot, q: Array) -> list[Array]:
-    """Return the coils of springs between points at q (nq,) as lines (m, 3) [m], straight ends included."""
+    """Return zigzag lines (m, 3) [m] that show the springs between points at q (nq,).
+
+    A spring is straight over a fifth of its length at each end. Between, it zigzags by 2 % of the robot's
+    length: in the plane of a planar robot, up and down for others.
+    """
+    straight, width = 0.2, 0.02
     poses = joint_poses(robot, q[None])
-    ends = [frame_origins(robot, poses, frame)[0] for frame in robot.frames]
-    along = np.linspace(0.2, 0.8, 2 * COILS + 1)
-    sideways = 0.02 * robot.length * np.array([0.0, *[1.0, -1.0] * COILS])
+    origins = [frame_origins(robot, poses, frame)[0] for frame in robot.frames]  # (3,) each
+    normal = planar_normal(robot)  # None of a spatial robot
+    along = np.linspace(straight, 1.0 - straight, 2 * COILS + 1)  # shares of the spring's length
+    sideways = width * robot.length * np.array([0.0, *[1.0, -1.0] * COILS])
     lines = []
     for first, second in zip(robot.line_springs.first, robot.line_springs.second, strict=True):
-        start, end = ends[first], ends[second]
-        if np.linalg.norm(end - start) < SAME_PLACE * robot.length:
+        start, end = origins[first], origins[second]
+        offset = end - start
+        if np.linalg.norm(offset) < SAME_PLACE * robot.length:
             continue
-        across = planar_normal(robot)
-        across = np.array([0.0, 0.0, 1.0]) if across is None else np.cross(across, end - start)
-        across = across / (np.linalg.norm(across) or 1.0)
-        coil = start + along[:, None] * (end - start) + sideways[:, None] * across
-        lines.append(np.concatenate([[start, coil[0]], coil, [start + 0.8 * (end - start), end]]))
+        direction = np.array([0.0, 0.0, 1.0]) if normal is None else np.cross(normal, offset)
+        across = direction / (np.linalg.norm(direction) or 1.0)
+        coil = start + along[:, None] * offset + sideways[:, None] * across
+        lines.append(np.concatenate([[start], coil, [start + (1.0 - straight) * offset, end]]))
     return lines
 
 

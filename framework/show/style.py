@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -175,24 +175,28 @@ class ColumnLayout(LayoutEngine):
     _colorbar_gridspec = False
 
     def execute(self, fig: Figure) -> None:
-        """Place the axes of a figure."""
+        """Place the axes of a figure; twins share a row."""
         renderer = fig._get_renderer()  # type: ignore[attr-defined]
         pad = LAYOUT_PAD * fig.dpi / 72  # [pixels], as all lengths below
-        axes = [ax for ax in fig.axes if ax.get_subplotspec() is not None]  # from the top down
-        margins = []  # of text around the frame of each axes: left, right, below, above
-        for ax in axes:
-            x_0, y_0, x_1, y_1 = ax.get_tightbbox(renderer, for_layout_only=True).extents  # type: ignore[union-attr]
+        # of each row, from the top down, text around the frames of its axes: left, right, below, above
+        margins: dict[int, Array] = {}
+        specs = [(ax, ax.get_subplotspec()) for ax in fig.axes]
+        rows = [(ax, spec.rowspan.start) for ax, spec in specs if spec is not None]
+        for ax, row in rows:
             frame = ax.get_window_extent(renderer)
-            sides = (frame.x0 - x_0, x_1 - frame.x1, frame.y0 - y_0, y_1 - frame.y1)
-            margins.append(np.maximum(sides, 0.0) + pad)
-        left, right, below, above = np.array(margins).T  # (axes,) each
+            x_0, y_0, x_1, y_1 = (ax.get_tightbbox(renderer, for_layout_only=True) or frame).extents
+            sides = np.array([frame.x0 - x_0, x_1 - frame.x1, frame.y0 - y_0, y_1 - frame.y1])
+            margins[row] = np.maximum(margins.get(row, pad), sides + pad)
+        left, right, below, above = np.array([margins[row] for row in sorted(margins)]).T  # (rows,) each
 
         width, height = fig.bbox.size
-        top = min([height, *(text.get_window_extent(renderer).y0 for text in fig.texts)])
-        bottom = max([0.0, *(legend.get_window_extent(renderer).y1 for legend in fig.legends)])
+        boxes = [artist.get_window_extent(renderer) for artist in (*fig.texts, *fig.legends)]
+        top = min([height, *(box.y0 for box in boxes if box.y0 > 0.5 * height)])
+        bottom = max([0.0, *(box.y1 for box in boxes if box.y1 < 0.5 * height)])
         frame_width = width - left.max() - right.max()
-        frame_height = (top - bottom - below.sum() - above.sum()) / len(axes)
-        for k, ax in enumerate(axes):
+        frame_height = (top - bottom - below.sum() - above.sum()) / len(margins)
+        for ax, row in rows:
+            k = sorted(margins).index(row)
             base = top - above[: k + 1].sum() - below[:k].sum() - (k + 1) * frame_height
             ax.set_position((left.max() / width, base / height, frame_width / width, frame_height / height))
 
@@ -234,14 +238,10 @@ def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Pa
 
     One PDF embeds its fonts once. A PDF for each drawing would spend more time on fonts than on drawing.
     """
-    from fontTools.subset import Options  # takes time to import
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages
-
-    # glyphs are embedded by their numbers, so tables that choose them for scripts and ligatures are of no use
-    Options._drop_tables_default = [*{*Options._drop_tables_default, "GDEF", "GPOS", "GSUB", "MATH", "kern"}]
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages  # takes time to import
 
     files = [document]
-    with use_style(), PdfPages(document, metadata=_METADATA["pdf"]) as pages:
+    with use_style(), _fonts_without_layout(), PdfPages(document, metadata=_METADATA["pdf"]) as pages:
         for name, draw in drawings.items():
             drawing = draw().figure
             assert isinstance(drawing, Figure)
@@ -250,6 +250,25 @@ def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Pa
             drawing.set_layout_engine("none")  # keep the layout of the PNG
             FigureCanvasPdf(drawing).print_pdf(pages)  # type: ignore[no-untyped-call]
     return files
+
+
+@contextmanager
+def _fonts_without_layout() -> Iterator[None]:
+    """Embed fonts without the tables that choose glyphs for scripts and ligatures.
+
+    Matplotlib embeds glyphs by their numbers and needs no such tables, but leaves no choice of them.
+    """
+    from fontTools.subset import Options  # takes time to import
+
+    default = getattr(Options, "_drop_tables_default", None)  # private; a release without it embeds all
+    if default is None:
+        yield
+        return
+    Options._drop_tables_default = [*default, "GDEF", "GPOS", "GSUB", "MATH", "kern"]
+    try:
+        yield
+    finally:
+        Options._drop_tables_default = default
 
 
 def figure_file(drawing: FigureBase, kind: str, *, dpi: float = DPI) -> bytes:

@@ -386,11 +386,12 @@ class NewtonMatrix:
         return NewtonMatrix(length, differentiation, by_motion, right_inverse, Z, lu, pivots)
 
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
-        """Compute the Newton step of q, accelerations and multipliers.
+        """Compute the Newton step of q, accelerations and multipliers at the s nodes.
 
-        The change of q is dq = -Q R'^-1 residual + Z z: the first part closes the loops, and the balance of
-        forces along the null space Z determines z. The multipliers balance the remaining forces, which are
-        orthogonal to Z.
+        The change of q is dq = -J^+ residual + Z z with the Jacobian J of the loops at each node: the first
+        part closes the loops, and the balance of forces along the null space Z of J determines z. The
+        multipliers balance the remaining forces, which are orthogonal to Z. Forces change with the changes of
+        acceleration, velocity and q, which all follow from dq.
 
         Args:
             force: residual of the balance of forces, (s, nv).
@@ -405,7 +406,7 @@ class NewtonMatrix:
         dq = -np.matvec(self.right_inverse, residual)
         unbalanced = force + np.matvec(self.by_motion, self._motion_change(dq))
         along_Z = np.matvec(self.Z.transpose(0, 2, 1), unbalanced)  # (s, nv - m)
-        z, _ = dgetrs(self.lu, self.pivots, -(self.length**2) * along_Z.ravel())  # the factors are times h^2
+        z, _ = dgetrs(self.lu, self.pivots, -(self.length**2) * along_Z.ravel())  # of the matrix times h^2
         dq += np.matvec(self.Z, z.reshape(along_Z.shape))
 
         # balance the remaining forces by the multipliers

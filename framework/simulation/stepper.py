@@ -96,10 +96,10 @@ class Stepper:
         Args:
             damping: viscous damping added to that of the joints, one number, (nv,) or (R, nv)
                 [N m s/rad, N s/m].
-            scheme: midpoint or extrapolated, see the header; by default extrapolated if parts have no mass,
-                else midpoint.
-            like: a robot of the same structure that decides which loop equations are independent, which
-                joints idle and whether parts have no mass; by default the first of the robots.
+            scheme: "midpoint", without numerical damping, or "extrapolated", which lets vibrations too fast
+                for the step decay; by default extrapolated if parts have no mass, else midpoint.
+            like: a robot of the same structure that decides for all which loop equations are independent,
+                which joints idle and whether parts have no mass; by default the first of the robots.
 
         Raises:
             InvalidInput: no robot is given, or the robots differ in joints, motors, springs or loops; a
@@ -112,7 +112,8 @@ class Stepper:
         template = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        idle_inertia = template.rotors - like.rotors  # (nv,) 1 on idle joints without mass
+        # (nv,) the template adds 1 to the rotors of idle joints, which have no mass; all robots get the same
+        idle_inertia = template.rotors - like.rotors
         shape = (len(robots), like.nv)
         added_damping = np.broadcast_to(check_damping(damping, shape), shape)
         equations = [

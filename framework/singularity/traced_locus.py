@@ -189,7 +189,7 @@ def _trace_branches(
         curve = curve or trace_curve(equations, start, region.contains, longest)
         if curve.ends == STALLED and not are_tested:
             # such starts come in numbers, as along the end of a leg's reach: test the others in one stack
-            starts = _find_stalled(equations, [one for one in starts if is_new(one[0])], longest)
+            starts = _end_stalled(equations, [one for one in starts if is_new(one[0])], longest)
             are_tested = True
         along = curve.points
         changes = np.flatnonzero(along.determinant[1:] * along.determinant[:-1] < 0)  # of det [dF/du ; t']
@@ -201,23 +201,28 @@ def _trace_branches(
     return curves
 
 
-def _find_stalled(
+def _end_stalled(
     equations: LocusEquations, starts: list[tuple[Points, Curve | None]], longest: float
 ) -> list[tuple[Points, Curve | None]]:
-    """Return starts with their curves, of one point each, where no step leads on in either direction."""
+    """Return all starts, those that stall with their curve: the point alone.
+
+    A start stalls if no step, from the first down to MIN_STEP, arrives at another point of the locus, neither
+    along its tangent nor against it. `longest` [rad, robot lengths] limits the steps.
+    """
     if not starts:
         return starts
-    points = join([point for point, _ in starts])
-    directions = join([points, points.negate_tangents()])
-    stalled = np.ones(len(starts), dtype=bool)
+    forward = join([point for point, _ in starts])
+    backward = forward.negate_tangents()
+    stalled = np.arange(len(starts))  # indices of the starts from which no step has arrived yet
     step = min(FIRST_STEP, longest)
-    while stalled.any() and step >= MIN_STEP:
-        live = select(directions, np.tile(stalled, 2))
-        _, arrives = advance(equations, live, np.full(len(live.q), step), np.zeros_like(live.tangent))
-        stalled[stalled] = ~arrives.reshape(2, -1).any(axis=0)
+    while len(stalled) and step >= MIN_STEP:
+        tried = join([select(forward, stalled), select(backward, stalled)])
+        _, arrives = advance(equations, tried, np.full(len(tried.q), step), np.zeros_like(tried.tangent))
+        arrives_forward, arrives_backward = np.split(arrives, 2)
+        stalled = stalled[~(arrives_forward | arrives_backward)]
         step *= STALL_RATIO
     return [
-        (point, Curve(point, STALLED) if stalled[k] else curve) for k, (point, curve) in enumerate(starts)
+        (point, Curve(point, STALLED) if k in stalled else curve) for k, (point, curve) in enumerate(starts)
     ]
 
 

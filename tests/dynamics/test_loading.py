@@ -289,7 +289,7 @@ def test_a_plan_is_refused_with_the_least_softening_along_the_path():
     least = refusal.value.evidence
     assert isinstance(least, LeastSoftening)
     assert 0.5 < least.rho < 0.6
-    plan_crossing(asked.robot(0.35), asked.path, duration=asked.duration, law="optimal")  # stiff enough
+    plan_crossing(asked.robot(1.0), asked.path, duration=asked.duration, law="optimal")
 
 
 def test_the_stiffness_under_a_force_and_a_moment_is_that_of_an_energy_on_closed_loops():

@@ -108,6 +108,11 @@ def test_columns_with_other_names_are_named_and_declared(tmp_path):
     np.testing.assert_array_equal(load_recording(ROBOT, file, declared).column("torque_left_motor"), 0.1)
     with pytest.raises(InvalidInput, match="unknown header of --column 'effort'"):
         load_recording(ROBOT, file, Conversions(headers={"torque_left_motor": "effort"}))
+    twice = Conversions(headers=dict.fromkeys(["torque_left_motor", "torque_right_motor"], "effort [Nm]"))
+    with pytest.raises(InvalidInput, match="--column: 2 names for 1 header"):
+        load_recording(ROBOT, file, twice)
+    with pytest.raises(InvalidInput, match="names columns of a file"):
+        load_recording(ROBOT, load_recording(ROBOT, file, declared), declared)
 
 
 def test_angles_that_begin_anew_are_declared_and_spikes_are_named_by_their_rows():
@@ -123,11 +128,23 @@ def test_angles_that_begin_anew_are_declared_and_spikes_are_named_by_their_rows(
     counted = Conversions(unwrapped=["motor_angle_left_motor"]).convert(data)
     np.testing.assert_allclose(counted.column("motor_angle_left_motor"), angles, rtol=0, atol=1e-12)
     check_signals(ROBOT, counted)  # steps of dry friction are no spikes
+    gap = np.delete(counted.values, slice(300, 331), axis=0)  # in which the motor makes a turn
+    check_signals(ROBOT, replace(counted, values=gap))
+    with pytest.raises(InvalidInput, match="--unwrap torque: has no angles"):
+        Conversions(unwrapped=["torque"]).convert(data)
     for column, spike in ((1, 9.0), (4, -0.5)):
         values = counted.values.copy()
         values[[70, 300], column] += spike
         with pytest.raises(InvalidInput, match=f"sample 71, sample 301: a spike, {data.names[column]} is"):
             check_signals(ROBOT, replace(counted, values=values))
+    # a tracker's glitch blames no motor, and motors do without it
+    x = 0.2 + 0.05 * np.cos(times)
+    x[200] += 0.5
+    names = (*counted.names, "platform_x", "platform_y")
+    tracked = replace(counted, names=names, values=np.column_stack([counted.values, x, times]))
+    with pytest.raises(InvalidInput, match="sample 201: a spike, platform_x is"):
+        check_signals(ROBOT, tracked)
+    check_signals(ROBOT, tracked, "motors")
 
 
 def test_columns_are_converted_as_declared_and_rows_counted_as_in_a_spreadsheet(tmp_path):

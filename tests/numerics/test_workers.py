@@ -5,6 +5,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -36,6 +37,16 @@ def workers():
 def test_what_is_asked_comes_back(workers):
     assert list(workers.map(chores.square, range(20))) == [number**2 for number in range(20)]
     assert os.getpid() not in {workers.submit(chores.process).result() for _ in range(4)}
+
+
+def test_a_call_is_sent_as_it_was_submitted(workers):
+    """This process computes, too: what it caches meanwhile must not change what a thread is pickling."""
+    numbers = [1]
+    for _ in range(2):
+        workers.submit(time.sleep, 0.05)
+    waiting = workers.submit(sum, numbers)
+    numbers.append(5)
+    assert waiting.result() == 1
 
 
 def test_an_error_comes_back_with_what_it_carries(workers):

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from fontTools.subset import Options
 
 from framework.show import style
 from framework.show.plots import MISSES, THREADS
@@ -113,3 +114,23 @@ def test_pages_have_no_colours_of_their_own():
 def test_text_is_readable_on_dark_pages(name):
     for ground in ("paper", "ground"):
         assert contrast(DARK_COLORS[name], DARK_COLORS[ground]) >= READABLE
+
+
+def test_fonts_of_others_keep_their_layout():
+    """A program that draws our figures may write PDFs of its own, in scripts that need these tables."""
+    tables = Options().drop_tables
+    with style._fonts_without_layout():
+        assert {"GPOS", "GSUB", *tables} <= {*Options().drop_tables}
+    assert Options().drop_tables == tables
+
+
+def test_twins_share_their_place_and_a_legend_above_takes_some():
+    upper, lower = style.new_figure(2)
+    twin = upper.twinx()
+    upper.plot([0, 1], label="line")
+    upper.figure.legend()  # above, by default
+    upper.figure.get_layout_engine().execute(upper.figure)
+    place = upper.get_position()
+    np.testing.assert_array_equal(twin.get_position().get_points(), place.get_points())
+    assert place.height == pytest.approx(lower.get_position().height)
+    assert 0.0 < lower.get_position().y0 < lower.get_position().y1 < place.y0 < place.y1 < 0.97

@@ -73,7 +73,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     """Close the robot's loops at the reference, or with the platform at x (n,).
 
     Raises:
-        InvalidInput: x has the wrong length is not finite, or is more than MAX_TURNS away.
+        InvalidInput: x has the wrong length, is not finite, or is more than MAX_TURNS away.
         NotAssembled: the loops do not close at the reference.
         OutOfReach, Type1Singularity: x cannot be reached from the reference in its working mode.
     """
@@ -96,10 +96,11 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
 
 def _follow_from_reference(robot: ParallelRobot, x: Array) -> FollowedPath:
     """Follow the straight way from the reference to x (n,), in the working mode of the reference."""
+    name = "the way from the reference to the point"
     way = Line(robot.reference.x, x)
     start = linearised_at_reference(robot)
-    _check_turns(robot, way)
-    return _follow_to_end(robot, way, start, "the way from the reference to the point")
+    _check_turns(robot, way, name)
+    return _follow_to_end(robot, way, start, name)
 
 
 def _is_near_reference(robot: ParallelRobot, x: Array) -> bool:
@@ -123,7 +124,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
             f"({', '.join(robot.axis_names)})"
         )
     require_square(robot)
-    _check_turns(robot, path)
+    _check_turns(robot, path, "the path")
     x = finite_numbers("the start of the path", path(0.0), robot.n)
     start = linearised_at_reference(robot)
     if not _is_near_reference(robot, x):
@@ -132,15 +133,15 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     return Branch.through(robot, path, followed.panels, followed.steps)
 
 
-def _check_turns(robot: ParallelRobot, path: Path) -> None:
-    """Raise InvalidInput if a coordinate of the platform turns by more than MAX_TURNS."""
+def _check_turns(robot: ParallelRobot, path: Path, what: str) -> None:
+    """Raise InvalidInput if a coordinate of the platform turns by more than MAX_TURNS on `what`."""
     if robot.translations.all():
         return
     travel = np.abs(np.diff(path(np.linspace(0.0, 1.0, 201)), axis=0)).sum(axis=0)  # (n,) [m, rad]
     for name, angle, slides in zip(robot.axis_names, travel.tolist(), robot.translations, strict=True):
         if not slides and angle > MAX_TURNS * 2.0 * np.pi:
             raise InvalidInput(
-                f"the path turns {name} by {angle:.4g} rad, {angle / (2.0 * np.pi):.3g} turns; at most "
+                f"{what} turns {name} by {angle:.4g} rad, {angle / (2.0 * np.pi):.3g} turns; at most "
                 f"{MAX_TURNS} are followed: points are in rad, and of turns that repeat plan one"
             )
 

@@ -115,7 +115,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     """
     reference = merge_reference(options, tree.coordinates, tree.reference)
     tree.couplings += declared_couplings(tree)
-    tree.closures += [_closure_in_words(tree, words) for words in options.closures]
+    tree.closures += [_read_typed_closure(tree, words) for words in options.closures]
     _locate_meshes(tree, file, options.packages)
     if not tree.closures and not tree.couplings:
         # raises a more precise error if a decisive element is unread
@@ -165,8 +165,11 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     return ParsedRobot(description, tree, dialect, remarks, reference)
 
 
-def _closure_in_words(tree: UrdfTree, words: Sequence[str]) -> Closure:
-    """Return the closure of `--close FRAME FRAME KIND [AXIS or LENGTH]`."""
+def _read_typed_closure(tree: UrdfTree, words: Sequence[str]) -> Closure:
+    """Read the words of `--close FRAME FRAME KIND [AXIS or LENGTH]`; return the closure.
+
+    An entry has the keys of a closure in a robot file; a few kinds have a length [m] instead of an axis.
+    """
     where = f"--close {' '.join(words)}"
     if len(words) not in (3, 4):
         raise RobotFileError(f"{where}: needs FRAME FRAME KIND, and an axis or a length of some kinds")

@@ -111,7 +111,7 @@ def resume_law(
         program=program,
         least=least_cost.speed,
         units=least_cost.units,
-        share=share or best.search.share,
+        share=best.search.share if share is None else share,
     )
     gain = former_cost / search.least_cost - 1.0
     search = search._replace(share=max(search.share, part * gain))
@@ -119,13 +119,18 @@ def resume_law(
 
 
 def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
-    """Find a smooth law with limits divided by an excess, or with another share for smoothness.
+    """Find a smooth law like `best` with tighter limits or another share of cost for smoothness.
+
+    The search begins from `best`. If it fails for the least duration or energy, the law of least peak torque
+    is tried.
 
     Args:
-        excess: largest torque or speed of the motion over its limit; 1 or more.
+        excess: largest torque or speed of the motion over its limit, 1 or more; limits are divided by it.
         share: share of the least cost by which the smooth law may exceed it; by default that of `best`.
     """
-    search = best.search._replace(share=share or best.search.share)
+    search = best.search
+    if share is not None:
+        search = search._replace(share=share)
     if excess > 1.0:
         search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
     adapted = _search_smooth(search, best.speed)

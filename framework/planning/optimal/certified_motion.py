@@ -51,20 +51,21 @@ class OptimalMotion(NamedTuple):
 
     @property
     def has_predicted_peak(self) -> bool:
-        """Whether the peaks agree with the cone program's, within PEAK_TORQUE_MISMATCH.
+        """Whether the motion has the peaks that the cone program of the law has, within a tolerance.
 
-        They are the peak torque and, of curves that are nearly reached, the largest ratio.
+        Compared are the peak torque and, of each motor whose torque-speed curve the program nearly reaches,
+        the largest share of the curve.
         """
         if abs(self.cost("peak_torque") / self.best.peak - 1.0) >= PEAK_TORQUE_MISMATCH:
             return False
         program, y = self.best.program, self.best.speed.y
         drives = program.problem.specification.drives
-        if drives is None:
+        if drives is None:  # no motor has a torque-speed curve
             return True
-        ratios = curve_ratios(self.dynamics, drives)[drives.has_curve]
-        predicted = np.array([curve(y).max() for curve in program.rows.curve])
-        is_off = np.abs(ratios - predicted) >= PEAK_TORQUE_MISMATCH
-        return not (is_off & (predicted > NEARLY_REACHED)).any()
+        in_motion = curve_ratios(self.dynamics, drives)[drives.has_curve]  # one each, 1 on the curve
+        in_program = np.array([curve(y).max() for curve in program.rows.curve])
+        is_off = np.abs(in_motion - in_program) >= PEAK_TORQUE_MISMATCH
+        return not (is_off & (in_program > NEARLY_REACHED)).any()
 
 
 def certify_motion(

@@ -332,8 +332,10 @@ class DualProgram:
         # the cones auxiliary^2 <= 2 minorant cube_root and cube_root^2 <= auxiliary lambda
         # `product_cone` means 4 first * second >= |others|^2, which halves of the factors turn into 2 and 1
         half_lambda = {"lam": csr_array(np.full((count, 1), 0.5))}
-        if "drag" in draft.sizes:  # less the share of lambda that is spent on drag
-            half_lambda["lambda_share"] = self._add_drag(draft)
+        if "drag" in draft.sizes:  # less the share of lambda that each cell spends on drag, at both its ends
+            self._add_drag(draft)
+            cell_at_ends = kron(eye_array(len(width), format="csr"), np.ones((2, 1)), format="csr")
+            half_lambda["lambda_share"] = -0.5 * cell_at_ends
         auxiliary = linear_rows(auxiliary=identity)
         cube_root = linear_rows(cube_root=identity)
         draft.cones.append(product_cone({"minorant": identity}, {"cube_root": 0.5 * identity}, [auxiliary]))
@@ -343,19 +345,21 @@ class DualProgram:
         else:
             draft.cost["lam"] = np.array([self._lambda_unit * (self.longest or 0.0)])
 
-    def _add_drag(self, draft: _Draft) -> Any:
-        """Add the unknowns `lambda_share` and `drag_cost` of each cell, by which drag raises the bound.
+    def _add_drag(self, draft: _Draft) -> None:
+        """Add `lambda_share` and `drag_cost` (k,), by which drag on the k cells raises the bound.
 
-        Each cell spends a share of lambda on drag. Then drag_cost is at most 2 (drag lambda_share)^(1/2), the
-        least of drag z^(1/2) + lambda_share z^(-1/2).
+        Drag is the positive part of the damping, see `_add_damping`. A cell spends lambda_share of lambda on
+        it: drag z^(1/2) + lambda_share z^(-1/2) is at least 2 (drag lambda_share)^(1/2) for all z > 0. The
+        cone drag_cost^2 <= 4 drag lambda_share keeps drag_cost below this least value.
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
         draft.sizes |= {"lambda_share": len(width), "drag_cost": len(width)}
-        draft.cost["drag_cost"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
+        # the units of drag, p_unit^(1/2), and of lambda_share give drag_cost the root of their product
+        unit = np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit)
+        draft.cost["drag_cost"] = -unit * width  # negative, because drag_cost raises the bound
         drag_cost = linear_rows(drag_cost=cell)
         draft.cones.append(product_cone({"drag": cell}, {"lambda_share": cell}, [drag_cost]))
-        return -0.5 * kron(cell, np.ones((2, 1)), format="csr")
 
     # ------------------------------------------------------------------ units and columns of the unknowns
 

@@ -93,13 +93,20 @@ class Start(NamedTuple):
     max_squared_speed: float = np.inf
     degree: int | None = SERIES_DEGREE
 
+    @property
+    def is_open(self) -> bool:
+        """Whether no law is left out, so that a refusal can be explained."""
+        return self.degree is None and self.max_squared_speed == np.inf
+
 
 # tried in turn until deflections are resolved and at rest at both ends
 SPLINES = tuple(Start(share, degree=None) for share in (4e-2, 0.15, 0.5, 3.0))
-SMOOTH = (Start(2e-2, 8.0), Start(2e-2, 4.0), Start(0.3, 4.0), Start(3.0, 4.0), *SPLINES)
+SERIES = (Start(2e-2, 8.0), Start(2e-2, 4.0), Start(0.3, 4.0), Start(3.0, 4.0))
+CAPPED_SPLINES = tuple(start._replace(max_squared_speed=30.0) for start in SPLINES[1:])
+SMOOTH = (*SERIES, SPLINES[0], *CAPPED_SPLINES, *SPLINES[1:])
 CAPPED = (Start(SMOOTHNESS_COST, 30.0), *SMOOTH)
 # of springs whose rates cause no forces
-FREE = (Start(SMOOTHNESS_COST), CAPPED[0], Start(1e-2, 12.0), *SMOOTH)
+FREE = (Start(SMOOTHNESS_COST), CAPPED[0], Start(1e-2, 12.0), *SERIES, *SPLINES)
 # of these, where a law is improved: the quickest one would exceed limits most under deflections
 QUICK = (Start(2e-2), *FREE[1:])
 
@@ -192,7 +199,7 @@ class ElasticSearch:
             try:
                 law = self._find_first_law(start, former and former[1])
             except (NoLaw, NotConverged) as reason:
-                if start.degree is not None:
+                if not start.is_open:
                     is_series = False
                     continue
                 failure = failure or reason
@@ -245,9 +252,9 @@ class ElasticSearch:
             share: of the limits that may be used.
 
         Raises:
-            NoLaw, NotConverged: as `solve_problem`; explained only for splines, which are tried last.
+            NoLaw, NotConverged: as `solve_problem`; explained only for starts that are open.
         """
-        is_explained = start.degree is None and share == 1.0
+        is_explained = start.is_open and share == 1.0
         problem = self._problem(share, None, is_explained=is_explained)._replace(degree=start.degree)
         about = similar or self.first_law  # about which drives are linearised
         if self.first_law is not None:

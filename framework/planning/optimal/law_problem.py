@@ -4,9 +4,9 @@ A law s = phi(sigma(t)) is given by its squared speed z = (d sigma/dt)^2. Its co
 functions of xi = stretch(sigma), which is steep at the crossings. Torques are affine in z and in
 u = d2 sigma/dt2 = z'/2.
 
-Condition (8) keeps torques finite at a crossing, and is a sparse equality on y. Where it is not met, torques
-have a pole. A multiple of the condition is therefore subtracted from each torque row beside a crossing: the
-row stays bounded and sparse.
+Condition (8), t_s . W_p = 0, keeps torques finite at a crossing, and is a sparse equality on y. Where it is
+not met, torques have a pole: they grow as one over the distance from the crossing. A multiple of the
+condition is therefore subtracted from each torque row beside a crossing: the row stays bounded and sparse.
 """
 
 from __future__ import annotations
@@ -272,20 +272,21 @@ def _stack_affine(upper: Affine, lower: Affine) -> Affine:
 def motor_rows(
     problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array, frames: Array | None
 ) -> MotorRows:
-    """Compute rows of torques and squared speeds at xi (M,), without poles.
+    """Compute rows of torques and squared speeds at xi (M,), none on a crossing.
 
-    No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
-    of c; damping and torque-speed curves are linearised.
+    A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part of c; damping and
+    torque-speed curves are linearised. c, cz and cu are infinite at a crossing; multiples of the conditions
+    remove this pole from the rows beside it. With a `response`, rows are those of an elastic robot.
 
     Args:
-        basis: the functions of xi whose combination is z.
+        basis: the n functions of xi whose combination is z.
         conditions: rows (k, n) of the conditions on the law, which serve to remove the poles.
         frames: `LawProblem.internal_frames` on the cells of the basis.
     """
     if problem.response is not None:
         return _rows_of_response(problem, problem.response, basis, xi)
     sigma = problem.sigma(xi)
-    required = problem.demand(sigma)
+    required = problem.demand(sigma)  # torques, speeds over d sigma/dt, and internal torques of the motors
     z0 = problem.z0 if problem.z0 is not None and problem.task.robot.is_damped else None
     c, cz, cu = required.linearise_damping(None if z0 is None else z0(sigma))
     c = c + required.friction(problem.specification.friction)
@@ -410,7 +411,7 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
     The conditions are constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is
     in xi: dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces
-    the first rows, condition (8) of the undeformed robot, by those of the loaded robot. The last rows are
+    the first rows, t_s . W_p = 0 of the undeformed robot, by those of the loaded robot. The last rows are
     those of ends in motion.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
@@ -430,28 +431,29 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
 
 def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z.
+    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z, of unit size.
 
-    s' ... s^(R) at such an end, where phi' > 0, determine the first R derivatives of sigma by time, and so z
-    and its first R - 1 derivatives by sigma. R is the number that torques contain, or that is stated; splines
-    have no more than torques contain. The rows of z are those of its derivatives by xi, by the chain rule.
+    The derivatives s' ... s^(R) by time at such an end, where phi' > 0, determine R derivatives of sigma by
+    time, and so z and its first R - 1 derivatives by sigma. R is the number of derivatives that torques
+    contain; a series has as many as are stated, if these are more. The rows of z are those of its derivatives
+    by xi = stretch(sigma), in [-1, 1], by the chain rule.
     """
     specification = problem.specification
-    rows = [np.empty((0, len(basis.matrix(np.ones(1)).toarray()[0])))]
-    values = [np.empty(0)]
-    for sigma, end in enumerate(specification.ends):
-        if not end:
+    n = basis.matrix(np.ones(1)).shape[1]
+    rows, values = [np.empty((0, n))], [np.empty(0)]
+    for sigma, stated in enumerate(specification.ends):  # the start at sigma = 0, the goal at sigma = 1
+        if not stated:  # at rest
             continue
-        orders = min(specification.smoothness, HIGHEST_ORDER)
-        orders = orders if basis.is_spline else max(orders, len(end))
-        derivatives = specification.ends.derivatives(orders)[sigma]
+        R = min(specification.smoothness, HIGHEST_ORDER)
+        if not basis.is_spline:
+            R = max(R, len(stated))
         at_end = np.array(float(sigma))
-        by_xi = [
-            basis.matrix(np.array([2.0 * sigma - 1.0]), k).toarray()[0] for k in range(orders)
-        ]  # (n,) each
-        xi_slopes = [problem.task.stretch(at_end, k) for k in range(1, orders)]
+        xi = np.array([2.0 * sigma - 1.0])
+        by_xi = [basis.matrix(xi, order).toarray()[0] for order in range(R)]  # (n,) each
+        xi_slopes = [problem.task.stretch(at_end, order) for order in range(1, R)]
         matrix = np.array(compose_derivatives(by_xi, xi_slopes))  # (R, n) of z by sigma
-        targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)
+        derivatives = specification.ends.derivatives(R)[sigma]  # (R,) s' ... s^(R)
+        targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)  # (R,) of z by sigma
         sizes = np.abs(matrix).max(axis=1)
         rows.append(matrix / sizes[:, None])
         values.append(targets / sizes)

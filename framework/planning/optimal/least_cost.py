@@ -236,7 +236,7 @@ def optimum_units(goal: str, speed: Speed, units: Units) -> Units:
 def _first_units(program: SpeedProgram) -> Units:
     """Estimate time [s] and torque (share of `reference`) of the optimum, before a law is known.
 
-    Condition (8), constant + per_z z + per_u u = 0, is met at z or u of about constant / per_z, and
+    Condition (8), t_s . W_p = constant + per_z z + per_u u = 0, is met at z or u of about constant / per_z;
     z = 1 / time^2. If the constant vanishes at all crossings, the time is the shortest that speed limits, or
     inertia at the reference torque, allow. The torque is the limit; without limits it is that of weight, and
     without weight that of inertia at this time.

@@ -36,38 +36,46 @@ MAX_ENTRY = 1e3  # of rows; those with larger entries are scaled down for the so
 
 
 def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening | None:
-    """Find the least rho of the series z that meet condition (8), to first order; None if none is found.
+    """Find the law with the least largest softening rho along the path; None if none is found.
+
+    rho is the share by which loads lower the robot's measure g of the distance from Type 2, to first order in
+    the compliance of the springs. The law, z = (d sigma/dt)^2 with coefficients y (n,), solves the linear
+    program: minimise rho_max such that rho_max >= rho at M points, z >= a least value, and condition (8),
+    t_s . W_p = 0, holds at the crossings.
 
     Args:
         problem: an elastic robot's problem with z as one series.
-        duration: [s], the unit of time.
+        duration: [s], the unit of time; y has the unit duration^-2.
+
+    Returns:
+        The largest rho of this law and its place s.
     """
     program = SpeedProgram.on_cells(problem, first_cells(problem))
-    unit = duration**-2  # of y
+    unit = duration**-2
+    conditions = _scale_conditions(program.conditions, unit)
+
+    # rho = slopes y + offset at the M points, divided by what makes the rows' entries small for the solver
     try:
         softening = _softening_rows(problem.task, program)
     except (NotAssembled, np.linalg.LinAlgError):  # the deflections tear the loops; a point is singular
         return None
-    slopes = unit * softening.matrix  # (M, n) of the softening at each point by y in its unit
-    largest = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,) by which rows are divided
-    # the unknown rho is at least the softening at each point, and is minimised
-    below_rho = AffineRows(
-        {"y": -slopes / largest[:, None], "rho": 1.0 / largest[:, None]}, -softening.offset / largest
+    slopes = unit * softening.matrix  # (M, n)
+    divisor = np.maximum(1.0, np.abs(slopes).max(axis=1) / MAX_ENTRY)  # (M,)
+    below_max = AffineRows(
+        {"y": -slopes / divisor[:, None], "rho_max": 1.0 / divisor[:, None]}, -softening.offset / divisor
     )
-    positive = program.positive_rows
-    # a law must advance everywhere; the program has no strict z > 0, but a lower bound, below z at the ends
+
+    # z > 0, as a law must advance: the program needs a positive bound, below the z of ends in motion
     ends = problem.specification.ends
     is_moving = list(ends.moving)
     speeds = ends.derivatives(1)[is_moving, 0] / problem.task.phi(np.array([0.0, 1.0])[is_moving], 1)
-    least = min([LEAST_SQUARED_SPEED, *(0.5 * speeds**2 / unit)])
-    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -least))
+    least_z = min([LEAST_SQUARED_SPEED, *(0.5 * speeds**2 / unit)])
+    positive = program.positive_rows
+    above_least = AffineRows({"y": positive}, np.full(positive.shape[0], -least_z))
+
+    unknowns, cost = {"y": program.basis.size, "rho_max": 1}, {"rho_max": np.ones(1)}
     optimum = solve_cone_program(
-        ConeProgram(
-            {"y": program.basis.size, "rho": 1},
-            {"rho": np.ones(1)},
-            equal=[_scale_conditions(program.conditions, unit)],
-            nonnegative=[above_least, below_rho],
-        )
+        ConeProgram(unknowns, cost, equal=[conditions], nonnegative=[above_least, below_max])
     )
     if isinstance(optimum, Unsolved):
         return None

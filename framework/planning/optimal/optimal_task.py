@@ -53,7 +53,7 @@ class Task(NamedTuple):
 
     @property
     def targets(self) -> Sequence[SingularPoint]:
-        """The points of the undeformed robot where condition (8) must hold."""
+        """The points of the undeformed robot where condition (8), t_s . W_p = 0, must hold."""
         return self.to_cross.crossing_points
 
     @property
@@ -72,8 +72,9 @@ def conditions_at(
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
     Each row times (1, z, u, u') must vanish, where z = (d sigma/dt)^2 and u = z'/2 [1/s^2] are those of the
-    law at sigma (prime: d/d sigma). The first rows are condition (8) at each crossing point, t_s . W_p = 0
-    [N, N m], see `crossing_rows`; the last ones are the required speeds [1/s^2].
+    law at sigma (prime: d/d sigma), and s = phi(sigma) is the position on the path. The first rows are
+    condition (8) at each crossing point, t_s . W_p = 0: the wrench W_p that the platform requires does no
+    work [N, N m] in the uncontrolled motion t_s. The last rows are the required speeds s' [1/s^2].
 
     Args:
         z0: the squared speed about which viscous damping is linearised; None leaves damping out.
@@ -99,10 +100,11 @@ def conditions_at(
 
 
 def check_speeds(task: Task) -> None:
-    """Raise NoLaw if no speed meets condition (8) at a crossing point.
+    """Raise NoLaw if no speed meets condition (8), t_s . W_p = 0, at a crossing point.
 
-    Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
-    determine s'^2 and s". Damping adds a term delta s', which is left to the cone program.
+    Where the path is orthogonal to the uncontrolled twist t_s, one condition reduces to
+    beta s'^2 + gamma = 0. Two conditions determine s'^2 and s". Damping adds a term delta s', which is left
+    to the cone program.
     """
     if task.robot.is_damped:
         return

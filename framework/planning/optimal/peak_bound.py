@@ -143,10 +143,12 @@ def _bound_laws(task: Task, reference: Array, *, timed: bool) -> PeakBound | Non
 
 
 def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
-    """Find the best proof on cells that are refined step by step; None if no proof is complete.
+    """Find multipliers that prove the best bound of all laws; None if none prove one.
 
-    Cells are cut where |nu| is large, since its integral is the denominator of the bound, and where the
-    factor is not proved positive.
+    Multipliers nu(s) of the torques prove a bound if the factor of the squared speed z that they leave is not
+    negative along the path (`dual_program`). They are series on cells of s, which are refined step by step:
+    where |nu| is large, since its integral is the denominator of the bound, and where the factor is not
+    proved positive.
 
     Args:
         reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
@@ -161,7 +163,7 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     proof: _Proof | None = None
     edges = uniform_cells(task, FIRST_CELLS)
     while True:
-        series = resolve_series(task, reference, edges)
+        series = resolve_series(task, reference, edges)  # of torques and speeds, with bounds of their errors
         if series is None:
             return best
         proof = _solve_program(DualProgram(series, longest, timed, end_z), previous=proof)
@@ -230,11 +232,12 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 
 
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
-    """Solve with growing margins until the factor is proved positive; None without a solution.
+    """Solve with growing margins until the multipliers prove a bound; None without a solution.
 
-    The margin (k,) is the least value of factor - minorant that the program asks for on each cell. At first
-    it covers the error of the solver and, with a proof on the previous cells, the error of the series times
-    the multipliers of that proof. Then it grows by twice the shortfall of the last solution.
+    The proof needs a factor of z that is above a line, the minorant, on each of k cells. The margin (k,) is
+    the least distance between them that the program asks for. At first it covers the error of the solver
+    and, with a proof on the previous cells, the error of the series times the multipliers x of that proof.
+    Then it grows by twice the shortfall of the last solution: by how much its factor may be negative.
 
     Args:
         program: the search for multipliers on new cells.
@@ -248,8 +251,8 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
     if previous is not None:
         middles = 0.5 * (series.edges[1:] + series.edges[:-1])
         previous_cell = np.searchsorted(previous.series.edges, middles) - 1  # of each cell of the series
-        x_size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]  # (k, m)
-        series_error = (x_size * series.per_z.error).sum(axis=1)  # (k,) of the factor
+        x_size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]  # (k, m) bound of |x_i(s)|
+        series_error = (x_size * series.per_z.error).sum(axis=1)  # (k,) of the factor's term nu . cz
         margin = margin + ERROR_GROWTH * series_error
 
     proof = None

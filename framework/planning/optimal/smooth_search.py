@@ -202,11 +202,14 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, f"no law that passes at t = {listed} s was found")
 
     def _descend(self, law: Speed, goal: str, bounds: Bounds) -> Speed | None:
-        """Lower the cost of a law with the required instants, in a trust region about each law.
+        """Lower the cost of a law with the required instants; None if no step is found.
+
+        A step changes z = (d sigma/dt)^2 by at most the share `trust`, and keeps the required durations to
+        first order. It is then adjusted to have these exactly. Steps that gain too little are made smaller.
 
         Args:
             law: the law; it may be beyond the bounds, so that the first step within them may cost more.
-            goal: of `SpeedProgram.minimise`.
+            goal: the cost, as `SpeedProgram.minimise` names it.
             bounds: the bounds; those of stages with a required duration do not count.
         """
         program = self.program
@@ -216,8 +219,9 @@ class SmoothSearch(NamedTuple):
         for _ in range(MAX_SETTLING_STEPS):
             z = program.positive_rows @ law.y
             floor, cap = np.maximum((1.0 - trust) * z, law.floor), (1.0 + trust) * z
-            about = (law.y, program.problem.stages, True)
-            found = program.minimise(goal, bounds, self.units, floor=floor, cap=cap, about=about)
+            # True: the durations of the stages, linearised about y, equal the required ones
+            tangents = (law.y, program.problem.stages, True)
+            found = program.minimise(goal, bounds, self.units, floor=floor, cap=cap, about=tangents)
             step = None
             if isinstance(found, Speed):
                 step = self._adjust(found._replace(floor=law.floor), NEARLY_SETTLED)
@@ -459,15 +463,17 @@ class SmoothSearch(NamedTuple):
             yield np.array([each[min(k, len(each) - 1)] for each in masks])
 
     def _holding_cost(self, sigma: Array) -> Array:
-        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,).
+        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,), on the path.
 
-        Args:
-            sigma: points of the path.
+        Torques are affine in the squared speed z and u = z'/2, so that those at rest are their offsets.
         """
         program = self.program
-        points = program.problem.task.stretch.inverse(program.xi)  # sigma (M,)
-        torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]  # where z = u = 0
-        ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference
+        points = program.problem.task.stretch.inverse(program.xi)  # sigma (M,) of the program's points
+        # the first M rows are at the points; those at crossings and of further points follow
+        torque_at_rest = [
+            torque.offset[: len(points)] for torque in program.rows.torque
+        ]  # (M,) of each motor
+        ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference  # (M, n_a)
         return np.interp(sigma, points, (ratio**2).sum(axis=1))
 
 

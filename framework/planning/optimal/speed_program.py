@@ -55,7 +55,7 @@ NO_INTERNAL = np.empty(0)
 
 
 class Bounds(NamedTuple):
-    """The bounds of a solution besides condition (8); None means no bound.
+    """The bounds of a solution besides condition (8), t_s . W_p = 0; None means no bound.
 
     longest: bounds (m,) of the durations of the stages between required instants [s]; infinite where open.
     peak: bound of all torques over the reference.
@@ -230,8 +230,9 @@ class SpeedProgram:
     def evaluate_speed(self, y: Array, x: Array = NO_INTERNAL, least_duration: float = np.nan) -> Speed:
         """Compute durations, peaks and energy of the squared speed z with coefficients y (n,).
 
-        Durations are integrals of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
-        of |torque|^2 z^(-1/2) at the points of the program, with torques over their reference.
+        The durations (m,), one for each stage between required instants, are integrals of z^(-1/2) over sigma
+        by a fine quadrature. The energy is the integral of |torque|^2 z^(-1/2) at the points of the program,
+        with torques over their reference.
 
         Args:
             x: coefficients (n r,) of internal torques.

@@ -300,7 +300,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
 
 
 def _meet_conditions(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
-    """Find the law nearest in speed that meets condition (8) with damping, to rounding.
+    """Find the law nearest in speed that meets condition (8), t_s . W_p = 0, with damping, to rounding.
 
     Args:
         problem: the problem that the law solves with linearised damping.

@@ -104,6 +104,8 @@ def test_a_path_of_other_coordinates_is_refused():
 def test_turns_in_degrees_are_told_at_once():
     with pytest.raises(InvalidInput, match=r"turns rz by 260 rad, 41\.4 turns; .* points are in rad"):
         track_path(robots.load("four_bar"), Line([80.0], [-180.0]))
+    with pytest.raises(InvalidInput, match="the way from the reference to the point turns rz by"):
+        assemble(robots.load("four_bar"), [400.0])
 
 
 def test_a_rank_is_lost_by_the_share_of_the_largest_singular_value():
