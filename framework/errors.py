@@ -20,6 +20,8 @@ from typing import Any, Self, TypeVar, dataclass_transform
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from framework.tolerances import SAME_PLACE
+
 Array = NDArray[np.float64]  # of `numerics`, which stands above
 LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of larger numbers overflow
 
@@ -443,8 +445,9 @@ class LostWorkers(NoAnswer):
     """Processes that computed a task were killed, one after the other, or cannot be started."""
 
 
-def point(x: Sequence[float] | Array) -> str:
-    """Return coordinates for a message: `(0.1, 0.345)`; rounding against the others is 0."""
+def point(x: Sequence[float] | Array, scale: float | Array = 0.0) -> str:
+    """Return coordinates for a message: `(0.1, 0.345)`; rounding against the others or `scale` is 0."""
     values = np.atleast_1d(np.asarray(x, dtype=float))
-    values = np.where(np.abs(values) < 1e-12 * np.abs(values).max(initial=0.0), 0.0, values)
+    least = np.maximum(1e-12 * np.abs(values).max(initial=0.0), SAME_PLACE * np.asarray(scale))
+    values = np.where(np.abs(values) < least, 0.0, values)
     return "(" + ", ".join(f"{float(value):.6g}" for value in values) + ")"

@@ -26,7 +26,7 @@ from framework.model.robot_file import unused_parameters
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
-from framework.numerics.output import Document, write_files, written_together
+from framework.numerics.output import PROGRAM, Document, check_files, write_files, written_together
 from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_columns, select_columns
 from framework.planning.options import TYPED
@@ -284,6 +284,14 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
     return load_plan(options.robot, robot_file=options.robot_file)
 
 
+def check_rows(options: Namespace) -> None:
+    """Refuse --samples together with --rate."""
+    if options.rate is not None and options.samples is not None:
+        raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
+            {"samples": None}
+        )
+
+
 def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
     """Return the rows of motion.csv by --samples or --rate, and --columns."""
     period = row_period(options, plan)
@@ -294,10 +302,6 @@ def row_period(options: Namespace, plan: CrossingPlan) -> float | None:
     """Return the time [s] between rows by --rate; None for --samples rows."""
     if options.rate is None:
         return None
-    if options.samples is not None:
-        raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
-            {"samples": None}
-        )
     least, most = 1.0 / plan.duration, (MAX_ROWS - 1) / plan.duration
     if not least <= options.rate <= most:
         raise InvalidInput(
@@ -342,31 +346,48 @@ _OF_A_PLAN = (
 # ------------------------------------------------------------------ files of --out
 
 
-def write_page(file: FilePath, page: str | bytes, options: Namespace) -> Report:
+def write_page(file: FilePath, page: str | bytes, options: Namespace, option: str = "--html") -> Report:
     """Write one file and return the report on its name and size."""
-    write_files({file: page}, overwrite=options.overwrite)
+    write_files({file: page}, option=option, overwrite=options.overwrite)
     size = file.stat().st_size
     return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
 
 
+def check_page(file: str | FilePath | None, options: Namespace, option: str = "--html") -> None:
+    """Refuse a page or picture that cannot be written, before the work for it; None is no file."""
+    if file is not None:
+        check_files({FilePath(file): PROGRAM}, option=option, overwrite=options.overwrite)
+
+
 @contextmanager
-def written_out(options: Namespace, document: str, beside: Collection[str] = ()) -> Iterator[FilePath | None]:
-    """Yield a folder whose files `written_together` moves into --out; None without --out."""
+def written_out(
+    options: Namespace, document: str, files: Collection[str] = (), outdated: Collection[str] = ()
+) -> Iterator[FilePath | None]:
+    """Yield a folder whose files `written_together` moves into --out; None without --out.
+
+    The block does all the work, so that foreign `document` and `files` are refused before.
+    """
     if options.out is None:
         yield None
         return
-    with written_together(FilePath(options.out), document=document, beside=beside) as folder:
+    with written_together(FilePath(options.out), document=document, files=files, outdated=outdated) as folder:
         yield folder
     options.written = options.out
 
 
 @contextmanager
 def mapped_stepwise(
-    options: Namespace, document: str, setup: Document, unit: str
+    options: Namespace, document: str, files: Collection[str], setup: Document, unit: str
 ) -> Iterator[tuple[FilePath | None, KeptChunks | None]]:
     """Yield the folder of `written_stepwise`, and the store of finished chunks."""
     store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
-    with written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder:
+
+    def describe_kept() -> str:
+        """Count the finished chunks; empty if none is finished."""
+        count = 0 if store is None else len(store.read())
+        return f"{count} {unit}" if count else ""
+
+    with written_stepwise(options, document, files, describe_kept) as folder:
         yield folder, store
 
 
@@ -377,19 +398,19 @@ def start_workers(options: Namespace, *modules: str) -> AbstractContextManager[E
 
 @contextmanager
 def written_stepwise(
-    options: Namespace, document: str, count: Callable[[], int], unit: str
+    options: Namespace, document: str, files: Collection[str], describe_kept: Callable[[], str]
 ) -> Iterator[FilePath | None]:
     """Yield the folder of `written_out`, for long work that may be interrupted.
 
-    After an interruption finished parts stay in --out, and the message states their number, `count()`, and
-    `unit`.
+    After an interruption finished parts stay in --out, and the message states them: `describe_kept()`, empty
+    if nothing is finished.
     """
-    with written_out(options, document) as folder:
+    with written_out(options, document, files) as folder:
         try:
             yield folder
         except KeyboardInterrupt as stop:
-            finished = count()
-            sentence = f"{finished} {unit} are kept in {options.out}, and the same command goes on from them"
+            finished = describe_kept()
+            sentence = f"{finished} are kept in {options.out}, and the same command goes on from them"
             raise type(stop)(*([sentence] if finished else [])) from None
     if options.out is not None:
         remove_stores(FilePath(options.out))

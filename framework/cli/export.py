@@ -34,7 +34,7 @@ from framework.files.trajectory_file import (
     joint_trajectory,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.output import PROGRAM, json_text, write_files
+from framework.numerics.output import PROGRAM, check_files, json_text, write_files
 from framework.planning.motion_table import DEFAULT_ROWS
 from framework.planning.options import MOTION
 from framework.planning.result import CrossingPlan
@@ -115,6 +115,9 @@ def run_export(options: Namespace) -> Report:
     to_stdout = options.out == "-"
     file = FilePath(f"stdout{SUFFIXES[options.program][0]}" if to_stdout else options.out)
     _check_options(options, file)
+    arguments.check_rows(options)
+    if not to_stdout:
+        check_files(_begin_files(options, file), option="--out", overwrite=options.overwrite)
     robot, texts, lines = WRITERS[options.program](options, file)
     if to_stdout:
         return {"robot": robot.name, "format": options.program, "text": texts[file]}, [texts[file].rstrip()]
@@ -146,6 +149,27 @@ def _check_options(options: Namespace, file: FilePath) -> None:
             arguments.refuse_options(options, [key], reason)
 
 
+def _begin_files(options: Namespace, file: FilePath) -> dict[FilePath, str]:
+    """Return how the text of each file begins, for `check_files`."""
+    match options.program:
+        case "csv":
+            first = "" if options.columns else "time,s,"
+            return {file: first, file.with_name(f"{file.name}-metadata.json"): '{\n "@context": '}
+        case "controller":
+            return {
+                file: "",  # numbers
+                file.with_suffix(".json"): '{\n  "robot": ',
+                file.with_name(f"{file.stem}_run.py"): _read_program(),
+            }
+        case _:
+            return {file: '{\n  "header": ' if file.suffix == ".json" else PROGRAM}
+
+
+def _read_program() -> str:
+    """Return the program that runs a controller in a table."""
+    return FilePath(inspect.getfile(TableController)).read_text(encoding="utf-8")
+
+
 def _controller_file(options: Namespace, file: FilePath) -> Export:
     """Return lqg for a plan as a table, its description, and a program that runs both.
 
@@ -164,7 +188,7 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
     texts = {
         file: table,
         file.with_suffix(".json"): json_text(description),
-        program: FilePath(inspect.getfile(TableController)).read_text(encoding="utf-8"),
+        program: _read_program(),
     }
     lines = [
         "lqg as a table",

@@ -51,7 +51,7 @@ def add_fidelity_options(parser: OneLineParser) -> None:
 
 def run_fidelity(options: Namespace) -> Report:
     """Compare all levels; with --out write numbers and a figure."""
-    with arguments.written_out(options, STUDY_FILE) as folder:
+    with arguments.written_out(options, STUDY_FILE, ("fidelity.pdf", "fidelity.png")) as folder:
         study, document, lines = _report_study(options)
         if folder is not None:
             from framework.show.plots import save_figure

@@ -18,7 +18,8 @@ from framework.identification.conversions import Conversions
 from framework.identification.excite import GRAVITY, TRIALS, Excitation, digits, excite
 from framework.identification.identify import Identification, identify
 from framework.identification.recording import make_sensors
-from framework.numerics.output import write_files
+from framework.model.robot_file_writer import check_overwritten_robot
+from framework.numerics.output import check_files, write_files
 from framework.tolerances import MIN_RANK_GAP
 
 CALIBRATED = """\
@@ -64,6 +65,8 @@ def add_calibrate_options(parser: OneLineParser) -> None:
 def run_calibrate(options: Namespace) -> Report:
     """Calibrate, and report the errors of poses that were held out of the fit."""
     robot = arguments.load(options)
+    if options.out is not None:
+        check_overwritten_robot(robot.description, options.out, overwrite=options.overwrite)
     calibration = calibrate(
         robot,
         options.data,
@@ -249,6 +252,8 @@ def _named_words(option: str, words: Sequence[str]) -> dict[str, str]:
 def run_identify(options: Namespace) -> Report:
     """Identify parameters; report the errors of torques that were held out of the fit."""
     robot = arguments.load(options)
+    if options.out is not None:
+        check_overwritten_robot(robot.description, options.out, overwrite=options.overwrite)
     identification = identify(
         robot,
         options.data,
@@ -386,6 +391,9 @@ def add_excite_options(parser: OneLineParser) -> None:
 def run_excite(options: Namespace) -> Report:
     """Design a motion; report the quantities that a simulated recording shows."""
     robot = arguments.load(options)
+    if options.out is not None:
+        beginning = {FilePath(options.out): "time,motor_angle_"}
+        check_files(beginning, option="--out", overwrite=options.overwrite)
     stated: dict[str, Any] = {
         name: arguments.limits(f"--{name.replace('_', '-')}", words)
         for name in ("torque_limit", "speed_limit")

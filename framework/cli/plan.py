@@ -56,6 +56,7 @@ FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_pla
 FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
 # files of a plan that a new plan in the same folder replaces, also those that the new one does not have
 VIBRATION_FILES = ("vibrations.csv", "response.csv")  # of robots with springs
+FILES = (MOTION_FILE, f"{MOTION_FILE}-metadata.json", "figures.pdf")  # of every plan
 OF_A_PLAN = ("report.html", *FIGURE_FILES, *VIBRATION_FILES)
 
 ROBUST = (
@@ -64,6 +65,7 @@ ROBUST = (
     "{0.trial.runs} wrong robots passed"
 )
 COST = "  its cost          {:+.2%} of the duration, {:+.2%} of the peak torque, against no margin"
+RAW_FILES = ("raw.csv", "raw_torques.pdf", "raw_torques.png")
 RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 
@@ -130,15 +132,16 @@ def run_plan(options: Namespace) -> Report:
     robot, request = _request(options, arguments.load(options))
     options.warnings += remarks_on_bodies(robot)
     _check_options(options, level)
+    arguments.check_rows(options)
     arguments.check_columns(options, robot)
     if options.at is not None and request.duration is not None:
         sample_times(request.duration, DEFAULT_ROWS, at=options.at)  # before the plan, which takes time
     if options.raw:
-        with arguments.written_out(options, "raw.json") as folder:
+        with arguments.written_out(options, "raw.json", RAW_FILES) as folder:
             return report_raw(options, robot, request, folder)
     out = None if options.out is None else FilePath(options.out)
     replaced = "" if out is None else _describe_replaced(out)
-    with arguments.written_out(options, FILE, OF_A_PLAN) as folder:
+    with arguments.written_out(options, FILE, FILES, OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(options, robot, request, level)
         document = plan_document(plan, out) | entries
         if folder is not None:

@@ -126,6 +126,7 @@ def run_pose(options: Namespace) -> Report:
     if options.near_platform is not None:
         return _report_near(options)
     robot = arguments.load(options)
+    arguments.check_page(options.picture, options, "--picture")
     if (options.motor_joints is None) == (options.point is None):
         motors = options.motor_joints or robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
         remedy = {"platform": None, "motors": motors}

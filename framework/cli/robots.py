@@ -40,6 +40,7 @@ from framework.model.robot_file_writer import write_robot_file
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.output import Document, select_fields, write_files
 from framework.proofs.converted_reference import choose_reference
+from framework.tolerances import SAME_PLACE
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 
@@ -54,6 +55,7 @@ def add_robots_options(parser: OneLineParser) -> None:
 
 def run_robots(options: Namespace) -> Report:
     """List the catalogue, one row for each robot."""
+    arguments.check_page(options.picture, options, "--picture")
     rows: list[Document] = []
     robots: list[ParallelRobot] = []
     lines = ["name\tdof\tloops\tsprings\tscenes"]
@@ -132,9 +134,15 @@ def run_check(options: Namespace) -> Report:
     facts = asdict(diagnosis)
     smallest = diagnosis.smallest_singular_value
     idle, redundant = len(diagnosis.idle_joints), ", ".join(diagnosis.redundant_rows)
-    angles = [f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()]
+    names = map(mechanism.coordinates.name_of, range(mechanism.model.nv))
+    least = dict(zip(names, SAME_PLACE * mechanism.column_scale, strict=True))  # of what is not rounding
+    angles = [
+        f"{joint}: {value if abs(value) > least.get(joint, SAME_PLACE) else 0.0:.6g}"
+        for joint, value in diagnosis.reference.items()
+    ]
+    turns = np.array([axis not in ("x", "y", "z") for axis in diagnosis.platform_axes])
     words = {key: ", ".join(facts[key]) or "none" for key in LISTS} | {
-        "place": point(diagnosis.platform),
+        "place": point(diagnosis.platform, mechanism.unit_lengths(turns)),
         "idle": f", {idle} of them idle" if idle else "",
         "shape": "square" if diagnosis.square else "NOT square",
         "redundant": f"; redundant: {redundant}" if redundant else "",

@@ -49,6 +49,7 @@ from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text, select_fields
 
 DEFAULT_CONTROLLER = "feedforward"
+FILES = ("runs.csv", "robustness.pdf", "robustness.png")
 COLUMNS = (
     "controller",
     "study_seed",
@@ -241,38 +242,20 @@ def run_robustness(options: Namespace) -> Report:
 
 def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
     """Study each controller on the same robots."""
-    setup = _make_setup(options)
-    options.progress.start("predicting")
-    suggests = options.sensors == ["suggest"]
-    try:
-        predictions = predict_by_sensors(
-            setup.reference, setup.loop, setup.spread, models=setup.linear_models
-        )
-    except FrameworkError:  # the linear model does not exist
-        if suggests:
-            raise
-        predictions = []
-    trials: list[SensorTrial] = []
-    if suggests:
-        options.controller = options.controller or ["lqg"]
-        options.progress.start("trying sensors")
-        trials = setup.try_sensors(predictions)
-        if not trials:
-            raise NoAnswer(NO_SENSORS.format(setup.loop.tolerance, _list_predictions(predictions)))
-        if not trials[-1].is_enough:
-            raise NoAnswer(NO_TRIAL.format(_list_trials(trials)))
-        setup = setup.with_sensors(trials[-1].sensors)
-    controllers = {name: setup.controller(name) for name in _controller_names(options)}
     out = None if options.out is None else Path(options.out)
-    stores = {name: run_store(out, setup.to_dict(), name) for name in controllers if out is not None}
+    stores: dict[str, KeptChunks] = {}
 
-    def count_runs() -> int:
-        """Count the finished runs of all studies."""
+    def describe_kept() -> str:
+        """Count the finished runs of all studies; empty if none is finished."""
         kept = (arrays for store in stores.values() for arrays in store.read().values())
-        return sum(len(arrays["passed"]) for arrays in kept)
+        count = sum(len(arrays["passed"]) for arrays in kept)
+        return f"{count} of {options.runs * len(stores)} runs" if count else ""
 
-    unit = f"of {options.runs * len(stores)} runs"
-    with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
+    with arguments.written_stepwise(options, FILE, FILES, describe_kept) as folder:
+        setup, predictions, trials = _choose_setup(options)
+        controllers = {name: setup.controller(name) for name in _controller_names(options)}
+        if out is not None:
+            stores |= {name: run_store(out, setup.to_dict(), name) for name in controllers}
         studies = _run_studies(options, setup, controllers, stores, executor)
         document = _make_document(setup, studies, out) | {
             "predicted": [asdict(one) for one in predictions],
@@ -284,6 +267,31 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
     return document, _format_studies(document)
+
+
+def _choose_setup(options: Namespace) -> tuple[StudySetup, list[LoopPrediction], list[SensorTrial]]:
+    """Return the setup of a study, the predictions by sensors, and the trials of --sensors suggest."""
+    setup = _make_setup(options)
+    options.progress.start("predicting")
+    suggests = options.sensors == ["suggest"]
+    try:
+        predictions = predict_by_sensors(
+            setup.reference, setup.loop, setup.spread, models=setup.linear_models
+        )
+    except FrameworkError:  # the linear model does not exist
+        if suggests:
+            raise
+        predictions = []
+    if not suggests:
+        return setup, predictions, []
+    options.controller = options.controller or ["lqg"]
+    options.progress.start("trying sensors")
+    trials = setup.try_sensors(predictions)
+    if not trials:
+        raise NoAnswer(NO_SENSORS.format(setup.loop.tolerance, _list_predictions(predictions)))
+    if not trials[-1].is_enough:
+        raise NoAnswer(NO_TRIAL.format(_list_trials(trials)))
+    return setup.with_sensors(trials[-1].sensors), predictions, trials
 
 
 def _make_setup(options: Namespace) -> StudySetup:

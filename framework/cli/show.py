@@ -62,8 +62,10 @@ def run_show(options: Namespace) -> Report:
     if options.html is not None and options.picture is not None:
         raise InvalidInput("--picture: give either --picture or --html").advising({"picture": None})
     file = options.picture or options.html
+    option = "--html" if options.picture is None else "--picture"
     if file is not None and options.port is not None:
         raise InvalidInput("--port: is of a served page, and a file is asked for").advising({"port": None})
+    arguments.check_page(file, options, option)
     films = _make_films(options)
     if file is not None:
         filmed = films or [_film_first_crossing(options)]
@@ -76,7 +78,7 @@ def run_show(options: Namespace) -> Report:
             page = film_picture(filmed, FilePath(file).suffix[1:])
         from framework.show.captions import describe_flexibility, display_name
 
-        document, (written,) = arguments.write_page(FilePath(file), page, options)
+        document, (written,) = arguments.write_page(FilePath(file), page, options, option)
         entries = []
         scenes = []
         for film in filmed:
@@ -170,6 +172,8 @@ def run_report(options: Namespace) -> Report:
 
     options.progress.start("proving the plan anew, and drawing the page")
     folder = FilePath(options.folder)
+    page_file = FilePath(options.html or folder / "report.html")
+    arguments.check_page(page_file, options)
     plan = load_plan(folder, robot_file=options.robot_file)
     page = report_page(plan, name=describe_saved_plan(plan, folder.resolve().name))
-    return arguments.write_page(FilePath(options.html or folder / "report.html"), page, options)
+    return arguments.write_page(page_file, page, options)

@@ -61,18 +61,19 @@ def add_simulate_options(parser: OneLineParser) -> None:
 def run_simulate(options: Namespace) -> Report:
     """Plan or read a plan, simulate its torques and report the tracking error."""
     sensors = _read_sensors(options)
-    plan = arguments.load_or_plan(options)
-    result = simulate(
-        plan.robot,
-        plan.dynamics,
-        method=options.method,
-        tolerance=options.tolerance,
-        step=options.step,
-        damping=options.damping,
-        progress=options.progress.start("simulating", 1.0, "the motion"),
-    )
-    document = result.to_dict()
-    with arguments.written_out(options, "simulation.json") as folder:
+    files = ("simulation.csv",) if sensors is None else ("simulation.csv", "sensors.csv")
+    with arguments.written_out(options, "simulation.json", files) as folder:
+        plan = arguments.load_or_plan(options)
+        result = simulate(
+            plan.robot,
+            plan.dynamics,
+            method=options.method,
+            tolerance=options.tolerance,
+            step=options.step,
+            damping=options.damping,
+            progress=options.progress.start("simulating", 1.0, "the motion"),
+        )
+        document = result.to_dict()
         if folder is not None:
             (folder / "simulation.json").write_text(json_text(document))
             _write_csv(result, plan, folder / "simulation.csv")

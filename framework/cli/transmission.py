@@ -45,18 +45,18 @@ def run_transmission(options: Namespace) -> Report:
     """Compute the transmission; with --out write file and pictures."""
     options.flexibility = "rigid"
     robot = arguments.load(options)
-    options.progress.start("computing")
-    result = transmission(
-        robot,
-        lower=options.lower,
-        upper=options.upper,
-        posture=options.posture,
-        frequencies=options.frequencies or FREQUENCIES,
-        points=options.points,
-    )
-    document = _make_document(result)
     names = tuple(f"{name}.{end}" for name in FIGURES for end in ("pdf", "png"))
     with arguments.written_out(options, FILE, names) as folder:
+        options.progress.start("computing")
+        result = transmission(
+            robot,
+            lower=options.lower,
+            upper=options.upper,
+            posture=options.posture,
+            frequencies=options.frequencies or FREQUENCIES,
+            points=options.points,
+        )
+        document = _make_document(result)
         if folder is not None:
             from framework.show.plots import save_figure
             from framework.show.transmission_figures import plot_inertia, plot_limits, plot_mapping
@@ -65,7 +65,7 @@ def run_transmission(options: Namespace) -> Report:
             (folder / FILE).write_text(json_text(document))
             for name, draw in zip(FIGURES, (plot_inertia, plot_limits, plot_mapping), strict=True):
                 save_figure(lambda draw=draw: draw(result), folder / name)  # type: ignore[misc]
-    return document, _format(document)
+    return document, _format(document, robot.place(result.posture))
 
 
 def _make_document(result: LinkageTransmission) -> Document:
@@ -123,9 +123,8 @@ COLUMNS = (
 )
 
 
-def _format(document: Document) -> list[str]:
-    """Return the report in words."""
-    posture = ", ".join(f"{name} {value:.4g}" for name, value in document["posture"].items())
+def _format(document: Document, posture: str) -> list[str]:
+    """Return the report in words, with its posture in words."""
     lines = [HEAD.format_map(document | {"posture": posture})]
     for name, axis in document["axes"].items():
         words = {key: _words(value) for key, value in axis.items() if key != "armature"}

@@ -66,6 +66,8 @@ from framework.numerics.tasks import iterate_results
 from framework.planning.options import LIMITS, MODEL
 from framework.planning.scenes import scene, scene_path
 
+PAGE = "map.html"  # of maps over two axes
+STUDY_FILES = ("study.npz", "study.csv", "study.pdf", "study.png")
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 STUDY_EDGE_POSES = 41  # by default
 NOT_FOR_STUDIES = (
@@ -178,13 +180,17 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
     window = _choose_window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
-    margin = _find_margin(options, robot)
+    keys = [quantity.key for quantity in quantities]
+    files = ["map.npz", "map.csv", *(f"map_{key}.{kind}" for key in keys for kind in ("pdf", "png"))]
+    if len(window.axes) > 1:
+        files.append(PAGE)
     setup = setup_document(robot, window, quantities)
-    with arguments.mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store):
+    with arguments.mapped_stepwise(options, DOCUMENT, files, setup, "bands") as (folder, store):
+        margin = _find_margin(options, robot)
         workspace = workspace_map(
             robot,
             window,
-            [quantity.key for quantity in quantities],
+            keys,
             wrench=options.wrench,
             executor=executor,
             keeper=store,
@@ -213,7 +219,7 @@ def _write_files(
     for _ in iterate_results(call, parts, executor):
         pass
     if len(workspace.window.axes) > 1:
-        (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
+        (folder / PAGE).write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
 def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
@@ -322,7 +328,7 @@ def report_design_study(options: Namespace, executor: Executor | None) -> Report
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
     setup = study_setup(task, designs)
-    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store):
+    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, STUDY_FILES, setup, "chunks") as (folder, store):
         progress = options.progress.start("mapping", len(designs.values), "designs")
         study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:

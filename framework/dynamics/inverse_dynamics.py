@@ -59,6 +59,7 @@ from framework.errors import (
     check_choice,
     expect_call,
 )
+from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
@@ -259,12 +260,12 @@ def _resolve_on_grids(
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)
             if unseen is None:
-                return _check_result(robot, solution, result, missing, friction)
+                return _check_result(searched.branch, solution, result, missing, friction)
 
     # no grid resolves the motion: raise the error that says most about the reason
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
     if known is None:  # a pole with known deflections proves nothing: others may have bounded torques
-        check_bounded(robot, refinement.crossings, refinement.allowed_residual)
+        check_bounded(searched.branch, refinement.crossings, refinement.allowed_residual)
     if min(solution.change, least) > RESOLVABLE_TAIL:
         raise unsettled_error(robot, solution)
     raise unresolved_error(searched, result, tolerance, size=size, enough=least, unseen=unseen)
@@ -342,7 +343,7 @@ class _Refinement:
                 )
         except (NotAssembled, NotConverged) as failure:
             if self.known is None:  # a pole of the torques is the better explanation
-                check_bounded(branch.robot, self.crossings, self.allowed_residual)
+                check_bounded(branch, self.crossings, self.allowed_residual)
             if isinstance(failure, NotConverged):
                 raise
             raise NotConverged(
@@ -371,7 +372,7 @@ class _Refinement:
             self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
             self.has_pole = any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings)
             if is_rigid:
-                check_bounded(branch.robot, self.crossings, CONDITION_RESIDUAL)
+                check_bounded(branch, self.crossings, CONDITION_RESIDUAL)
         return at_rest
 
     def _is_fine(self, at_rest: Pass) -> bool:
@@ -444,14 +445,15 @@ def _checkpoints(solution: Pass, result: InverseDynamics) -> Checkpoints:
 
 
 def _check_result(
-    robot: ParallelRobot, solution: Pass, result: InverseDynamics, missing: MissingForces, friction: str
+    branch: Branch, solution: Pass, result: InverseDynamics, missing: MissingForces, friction: str
 ) -> InverseDynamics:
     """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Args:
         friction: "driven" or "none".
     """
-    check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
+    robot = branch.robot
+    check_bounded(branch, result.crossings, CONDITION_RESIDUAL)
     check_crossings(robot, solution, result)
     max_held_torque = check_idle_joints(robot, missing)
     if max_held_torque:

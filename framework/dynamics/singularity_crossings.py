@@ -15,10 +15,11 @@ import numpy as np
 
 from framework.dynamics.elasticity import Pass, motion_at_rest
 from framework.dynamics.forces import tree_forces
+from framework.dynamics.path_forces import PathForces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
-from framework.kinematics.linearised_loops import linearised_at, passive_motion, type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, linearised_at, passive_motion, type2_matrix
 from framework.kinematics.modes import passive_determinants
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -28,7 +29,7 @@ from framework.numerics.chebyshev import TimeGrid, real_roots
 from framework.singularity.bordered_system import Border, root_of_g, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion, uncontrolled_space
-from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
+from framework.tolerances import CONDITION_ROUNDING, NO_HOLD, SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
 ROUNDING_SHARE = 1e-15  # of the duration: a shorter Newton step to a root of the law is rounding
@@ -304,21 +305,42 @@ def _deformed_crossing(
     )
 
 
-def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
+def check_bounded(branch: Branch, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
     """Raise UnboundedTorque if a residual |t_s . W_p| / scale of condition (8) is above `allowed`."""
+    robot = branch.robot
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
     unit = "N" if np.any(worst.twist[robot.translations]) else "N m"
     raise UnboundedTorque(
         f"unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, {robot.place(worst.platform)}: a "
-        f"Type 2 singularity with t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
+        f"Type 2 singularity with t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero: "
+        f"{_compare_accelerations(branch, worst)}",
         name=robot.name,
         time=worst.time,
         s=worst.s,
         platform=worst.platform,
         wrench=worst.wrench,
     )
+
+
+def _compare_accelerations(branch: Branch, crossing: SingularityCrossing) -> str:
+    """State s' and s" of the law, and if s" has an effect, the s" that condition (8) asks for.
+
+    t_s . W_p = alpha s" + .. is affine in s", where alpha is the power of the inertial forces at s" = 1.
+    """
+    s = np.array([crossing.s])
+    closed = ClosedStack(crossing.pose.frames.q, branch.path(s), crossing.pose)
+    powers = crossing.motion * PathForces.compute(branch, s, closed).inertial[0]  # (nv,)
+    alpha = powers.sum()
+    has = f"the law has s' = {crossing.speed:.6g} 1/s and s\" = {crossing.acceleration:.6g} 1/s^2"
+    if crossing.corank > 1 or abs(alpha) <= NO_HOLD * np.abs(powers).sum():  # each motion has a condition
+        return has
+    required = crossing.acceleration - crossing.wrench / alpha
+    if abs(required) < CONDITION_ROUNDING * abs(crossing.acceleration):
+        required = 0.0
+    deflected = " and these deflections" if branch.robot.n_e else ""
+    return f"{has}, and at this s'{deflected} it asks for s\" = {required:.6g}"
 
 
 def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamics) -> None:

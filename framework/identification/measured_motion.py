@@ -131,6 +131,7 @@ def measured_motion(
     source = "motors"
     misfit = 0.0
     motion = None
+    leads_elsewhere = False  # motors, than the platform is measured
     smoothed = joints
     has_platform = data.has("platform", robot.axis_names)
     if poses == "motors" or (poses is None and (motors_are_free(robot) or not has_platform)):
@@ -146,6 +147,7 @@ def measured_motion(
             if trial:
                 raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             motion = None
+            leads_elsewhere = True
     if motion is None:
         source = "platform"
         smoothed = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
@@ -153,7 +155,7 @@ def measured_motion(
         if trial and np.abs(first).max() > 1.0:  # a robot length or a radian away
             raise InvalidInput(f"{data.source}: the platform begins far from the reference")
         motion = _motion_of_platform(robot, smoothed.values)
-        misfit = _motor_misfit(robot, data, motion, joints.values[0])
+        misfit = _motor_misfit(robot, data, motion, joints.values[0], leads_elsewhere=leads_elsewhere)
     return MeasuredMotion(
         source=source,
         cutoff=joints.cutoff,
@@ -482,7 +484,9 @@ def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 
-def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Array) -> float:
+def _motor_misfit(
+    robot: ParallelRobot, data: Recording, motion: Motion, q_a: Array, *, leads_elsewhere: bool
+) -> float:
     """Compute the largest offset of poses from the motors' joints q_a (T, n_a).
 
     The offset of a hinge is in radians, up to whole turns, that of a slide in robot lengths.
@@ -490,6 +494,7 @@ def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Ar
     Args:
         data: the recording, for messages.
         motion: with poses from the measured platform.
+        leads_elsewhere: whether the motors alone give poses, other ones, for messages.
 
     Raises:
         InvalidInput: the offset is too large to be a small error of the file.
@@ -510,6 +515,8 @@ def _motor_misfit(robot: ParallelRobot, data: Recording, motion: Motion, q_a: Ar
             advice = (
                 f"but its zero alone is off: --zero motor_angle_{robot.actuator_names[motor]}={reading:.9g}"
             )
+        if leads_elsewhere:
+            advice += "; if the platform is measured in another frame, --poses motors does without it"
         raise InvalidInput(
             f"{data.source}: {data.row(int(k))}: motor_angle_{robot.actuator_names[motor]} "
             f"contradicts the measured platform: its joint is {largest:.3g} rad (slides: robot lengths) off "

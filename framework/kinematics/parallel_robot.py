@@ -191,7 +191,7 @@ class ParallelRobot(Mechanism):
 
     def place(self, x: Array) -> str:
         """Format platform coordinates x (n,) with their names, such as `x, y = (0.1, 0.2)`."""
-        return f"{', '.join(self.axis_names)} = {point(x)}"
+        return f"{', '.join(self.axis_names)} = {point(x, self.platform_scale)}"
 
     @property
     def speed_units(self) -> tuple[str, ...]:

@@ -48,12 +48,7 @@ def write_robot_file(
     out = Path(folder)
     name = description.name
     source = description.file
-    for suffix in (".yaml", ".urdf"):
-        target = out / f"{name}{suffix}"
-        if target.exists() and target.resolve() in (source.resolve(), source.with_suffix(suffix).resolve()):
-            raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
-    if not overwrite:
-        _check_unedited(out / f"{name}.yaml")
+    check_overwritten_robot(description, folder, overwrite=overwrite)
     with written_together(out) as temporary:
         urdf_text = _relocate_meshes(description.urdf_text, source.parent, out)
         (temporary / f"{name}.urdf").write_text(urdf_text, encoding="utf-8")
@@ -66,6 +61,26 @@ def write_robot_file(
             message = error.sentence.replace(str(temporary), str(out))  # where the files would be
             raise RobotFileError(f"{source}: cannot become a robot file: {message}") from None
     return out / f"{name}.yaml"
+
+
+def check_overwritten_robot(
+    description: RobotDescription, folder: str | Path, *, overwrite: bool = False
+) -> None:
+    """Refuse a folder into which `write_robot_file` cannot write the description.
+
+    Raises:
+        OutputError: as `write_robot_file`.
+    """
+    source = description.file
+    file = Path(folder) / f"{description.name}.yaml"
+    for suffix in (".yaml", ".urdf"):
+        target = file.with_name(f"{description.name}{suffix}")
+        if target.exists() and target.resolve() in (source.resolve(), source.with_suffix(suffix).resolve()):
+            raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
+    if not overwrite:
+        _check_unedited(file)
+    with written_together(Path(folder)):
+        pass
 
 
 def _seal(text: str, urdf_text: str) -> str:

@@ -8,7 +8,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -32,22 +32,24 @@ def written_together(
     folder: Path,
     *,
     document: str | None = None,
+    files: Collection[str] = (),
     option: str = "--out",
     file: Path | None = None,
-    beside: Collection[str] = (),
+    outdated: Collection[str] = (),
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into `folder` if the block ends without an error.
 
     Missing folders are made first, and removed again if nothing is written. Before the block runs, it is
-    checked that `folder` can be written and contains no foreign `document`.
+    checked that `folder` can be written and contains no foreign `document` and `files`.
 
     Args:
         folder: where the files are to be.
         document: name of the JSON file about a robot that is written with the others and marks them as files
             of this program. If `folder` has no such file, existing files of the same names are foreign and
             are not overwritten.
-        beside: names of files that belong to an earlier `document`; files that the block does not write again
-            are removed.
+        files: names of further files that the block writes, as far as they are known before.
+        outdated: names of files that belong to an earlier `document`, and are removed if the block does not
+            write them again.
         option: command-line option that is named in complaints.
         file: file that is named in complaints instead of the folder.
 
@@ -63,19 +65,19 @@ def written_together(
             raise OutputError(f"{complaint}: {error}") from None
         with _temporary_folder(folder) as temporary:
             if document is not None:
-                _check_overwritten(folder, [document], document, complaint)
+                _check_overwritten(folder, [document, *files], document, complaint)
             yield temporary
 
             # the block has ended without an error: its files replace older ones
-            files = sorted(temporary.iterdir())
-            names = [written.name for written in files]
+            new_files = sorted(temporary.iterdir())
+            names = [written.name for written in new_files]
             _check_overwritten(folder, names, document, complaint)
             replaces = document is not None and os.path.lexists(folder / document)
             with defer_signals():
-                for written in files:
+                for written in new_files:
                     os.replace(written, folder / written.name)
-                for outdated in set(beside) - set(names) if replaces else ():
-                    (folder / outdated).unlink(missing_ok=True)
+                for name in set(outdated) - set(names) if replaces else ():
+                    (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"{complaint}: {error.strerror or error}") from None
     finally:
@@ -85,7 +87,7 @@ def written_together(
                     created.rmdir()
 
 
-def _check_overwritten(folder: Path, names: list[str], document: str | None, complaint: str) -> None:
+def _check_overwritten(folder: Path, names: Sequence[str], document: str | None, complaint: str) -> None:
     """Refuse to overwrite folders, and files that do not belong to this program.
 
     Args:
@@ -206,6 +208,23 @@ def write_files(
             (temporary / target.name).write_bytes(data)
 
 
+def check_files(beginnings: Mapping[Path, str], *, option: str = "--html", overwrite: bool = False) -> None:
+    """Refuse, before long work, files that `write_files` would refuse after it.
+
+    Args:
+        beginnings: by file, how its text begins, PROGRAM if it names the program; empty if that is not known.
+        option, overwrite: as of `write_files`.
+
+    Raises:
+        OutputError: as `write_files`.
+    """
+    for file, beginning in beginnings.items():
+        is_known = beginning != ""
+        target = _overwritable_target(file, beginning.encode(), option, overwrite=overwrite or not is_known)
+        with written_together(target.parent, option=option, file=file):
+            pass
+
+
 def _overwritable_target(file: Path, data: bytes, option: str, *, overwrite: bool) -> Path:
     """Return the path to write `data` to; refuse a file of another origin unless `overwrite`."""
     try:
@@ -216,7 +235,7 @@ def _overwritable_target(file: Path, data: bytes, option: str, *, overwrite: boo
         raise OutputError(f"{option}: cannot write {file}: not a regular file")
     old = b"" if overwrite or not os.path.isfile(target) else target.read_bytes()
     mark = PROGRAM.encode()
-    if old and (mark not in old if mark in data else old[:24] != data[:24]):
+    if old and (mark not in old if mark in data else not old.startswith(data[:24])):
         raise OutputError(
             f"{option}: {file} is there already, and not of this program; give another name, or --overwrite"
         )

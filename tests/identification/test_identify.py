@@ -490,6 +490,19 @@ def test_a_motion_through_type_2_goes_by_the_platform():
         measured_motion(robot, elsewhere, cutoff=20.0, poses="platform")
 
 
+def test_a_tracker_in_another_frame_is_left_out_by_what_the_refusal_says():
+    robot = NOMINAL["five_bar"]
+    plan = plan_scene(robot, "A")
+    names, values = motor_columns(robot), planned_motors(plan, 301)
+    turned = plan.platform(values[:, 0]) @ [[0.9, 0.4], [-0.4, 0.9]]
+    tracked = Recording("A", (*names, "platform_x", "platform_y"), np.column_stack([values, turned]))
+    with pytest.raises(InvalidInput, match="in another frame, --poses motors does without it"):
+        measured_motion(robot, tracked, cutoff=20.0)
+    own = measured_motion(robot, Recording("A", names, values), cutoff=20.0)
+    without = measured_motion(robot, tracked, cutoff=20.0, poses="motors")
+    np.testing.assert_allclose(without.motion.q, own.motion.q, rtol=0, atol=1e-9)
+
+
 def test_whole_turns_of_a_motor_do_not_change_the_motion():
     robot = NOMINAL["five_bar"]
     values, turns = planned_motors(plan_scene(robot, "A"), 301), [0, *(robot.gear_ratio * [1, -2]), 0, 0]

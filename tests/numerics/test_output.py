@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from framework import OutputError
+from framework.cli import main
 from framework.numerics.interruption import Terminated, interruptible
 from framework.numerics.output import PROGRAM, write_files, written_together
 
@@ -128,6 +129,41 @@ def test_a_document_of_others_is_refused_before_the_work(tmp_path):
     refused = pytest.raises(OutputError, match="not of this program")
     with refused, written_together(tmp_path, document="plan.json"):
         pytest.fail("the work has begun")
+
+
+# a command, the work that it is not to begin, and a file of somebody else in its way
+@pytest.mark.parametrize(
+    ("words", "work", "foreign"),
+    [
+        ("map five_bar --window 0 0.1 0.3 0.4", "workspace_map.workspace_map", "map_g.png"),
+        (
+            "map five_bar --window 0 0.1 0.3 0.4 --nearest 0.1 0.3",
+            "workspace_map.nearest_singular_pose",
+            "map.csv",
+        ),
+        ("transmission humanoid_ankle", "transmission.transmission", "limits.pdf"),
+        ("simulate five_bar --scene A --sensors", "arguments.load_or_plan", "sensors.csv"),
+        ("robustness five_bar --scene A", "arguments.load_or_plan", "runs.csv"),
+        ("fidelity five_bar --scene A", "fidelity.fidelity_study", "fidelity.png"),
+        ("plan five_bar --scene A", "plan._make_plan", "motion.csv"),
+        ("plan five_bar --scene A --raw", "plan.report_raw", "raw.csv"),
+        ("identify five_bar data.csv", "identification.identify", "five_bar.urdf"),
+        ("calibrate five_bar data.csv", "identification.calibrate", "five_bar.yaml"),
+        ("excite five_bar", "identification.excite", "a.csv"),
+        ("export five_bar --scene A --to csv", "export._plan_of", "a.csv"),
+        ("export five_bar --scene A --to ros2_control", "export._plan_of", "a.json"),
+        ("export five_bar --scene A --to controller", "export._plan_of", "a_run.py"),
+        ("export five_bar --scene A --to lesson", "arguments.load", "a.html"),
+    ],
+)
+def test_commands_refuse_files_of_others_before_the_work(words, work, foreign, tmp_path, monkeypatch, capsys):
+    (tmp_path / foreign).write_text("mine")
+    module, name = work.split(".")
+    monkeypatch.setattr(f"framework.cli.{module}.{name}", lambda *_, **__: pytest.fail("the work has begun"))
+    out = tmp_path / foreign.replace("_run.py", ".csv") if foreign.startswith("a") else tmp_path
+    assert main([*words.split(), "--out", str(out)]) == 2
+    assert f"{foreign} is " in capsys.readouterr().err
+    assert everything_in(tmp_path) == {foreign}
 
 
 def test_files_beside_a_document_of_ours_are_replaced(tmp_path):

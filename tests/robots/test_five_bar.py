@@ -1,5 +1,7 @@
 """The paper's planar 5R against closed forms: fifty digits, exact derivatives (oracles/five_bar.py)."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,10 @@ def test_a_law_without_condition_8_gets_no_torques(scene, flexibility, geometry)
     twist = oracle.singular_twist(scene_path(robot.description.scenes[scene])(s))
     expected = 10.0 * abs(twist @ along) * abs(law.deriv(2)(error.time))
     assert abs(error.wrench) == pytest.approx(expected, rel=1e-6)
+    if not robot.n_e:  # the path crosses t_s at another angle than 90 degrees and is straight: s" is to be 0
+        has, asked = (float(word) for word in re.findall(r's" = ([^\s;]+)', str(error)))
+        assert has == pytest.approx(law.deriv(2)(error.time), rel=1e-4)
+        assert asked == 0.0
 
 
 def power_law(conditions, smoothness, duration=1.5):
