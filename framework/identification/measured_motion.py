@@ -204,9 +204,7 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
         distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)
         count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
-        limit = max(
-            SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count
-        )
+        limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count)
         spikes = 1 + np.flatnonzero(distance > limit)
         if len(spikes):
             rows = list_names([data.row(int(spike)) for spike in spikes], most=8)

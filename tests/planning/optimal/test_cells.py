@@ -1,4 +1,4 @@
-"""Cells of a speed program that are cut: under a coefficient near nothing, and the middle of a bend."""
+"""Cells of a speed program: their ends, and those that are cut: beside a coefficient near nothing or a bend."""
 
 from types import SimpleNamespace
 
@@ -7,6 +7,7 @@ import pytest
 
 from framework.laws.squared_speed import SpeedBasis
 from framework.planning.optimal.least_cost import _cells_to_cut, cost_of
+from framework.planning.optimal.path_series import uniform_cells
 
 CELLS = np.linspace(-1.0, 1.0, 31) ** 3  # of unequal widths
 BASIS = SpeedBasis.from_cells(CELLS)
@@ -44,3 +45,17 @@ def test_limits_are_used_as_far_as_the_nearer_one(peak, peak_speed, share):
     assert cost_of("limits", SimpleNamespace(peak=peak, peak_speed=peak_speed, duration=9.0, energy=9.0)) == (
         pytest.approx(share)
     )
+
+
+@pytest.mark.parametrize("s", [3e-7, 1.0 - 3e-7])
+def test_cells_end_where_the_path_does_however_near_a_crossing_is(s):
+    task = SimpleNamespace(
+        branch=SimpleNamespace(
+            path=SimpleNamespace(knots=np.array([0.0, 1.0])), wrenches=SimpleNamespace(knots=np.zeros(0))
+        ),
+        to_cross=SimpleNamespace(points=[SimpleNamespace(s=s)]),
+    )
+    edges = uniform_cells(task, 12)
+    np.testing.assert_array_equal(edges[[0, -1]], [0.0, 1.0])
+    assert (np.diff(edges) > 0.0).all()
+    assert np.searchsorted(edges, s) not in (0, len(edges))
