@@ -172,11 +172,11 @@ def measured_motion(
 def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = None) -> None:
     """Raise InvalidInput for columns that are missing, too short, begin anew after a turn, or have spikes.
 
-    An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most other
-    samples: no motor starts or stops between two samples. A spike is a sample far from the median of itself
-    and its neighbours, which steps of friction leave alone, and which rounding moves by few counts. Neither is
-    looked for at gaps in time, over which a fast motor makes whole turns. The platform is checked unless
-    `poses` leave it out.
+    An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most
+    other samples: no motor starts or stops between two samples. A spike is a sample far from the median
+    of itself and its neighbours, which steps of friction leave alone, and which rounding moves by few
+    counts. Neither is looked for at gaps in time, over which a fast motor makes whole turns. The platform
+    is checked unless `poses` leave it out.
     """
     turn = 2.0 * np.pi
     spread = 0.99  # share of the samples whose distance from the median is noise

@@ -1,4 +1,4 @@
-"""Cells of a speed program: their ends, and those that are cut: beside a coefficient near nothing or a bend."""
+"""Cells of a speed program: their ends, and those to cut, beside a coefficient near nothing or a bend."""
 
 from types import SimpleNamespace
 
