@@ -786,5 +786,6 @@ def test_a_lesson_takes_the_duration_that_is_typed(tmp_path, monkeypatch):
         "framework.show.lesson.lesson_page", lambda *_, duration, name: durations.append(duration) or name
     )
     words = ["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", str(tmp_path / "page.html")]
+    words.append("--overwrite")  # the page of this test does not name the program
     assert main([*words, "--duration", "2"]) == main(words) == 0
     assert durations == [2.0, 1.5]
