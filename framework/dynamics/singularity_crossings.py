@@ -333,11 +333,13 @@ def _compare_accelerations(branch: Branch, crossing: SingularityCrossing) -> str
     closed = ClosedStack(crossing.pose.frames.q, branch.path(s), crossing.pose)
     powers = crossing.motion * PathForces.compute(branch, s, closed).inertial[0]  # (nv,)
     alpha = powers.sum()
-    has = f"the law has s' = {crossing.speed:.6g} 1/s and s\" = {crossing.acceleration:.6g} 1/s^2"
+    rounding = CONDITION_ROUNDING * max(abs(crossing.acceleration), crossing.speed**2)  # of s" [1/s^2]
+    acceleration = crossing.acceleration if abs(crossing.acceleration) > rounding else 0.0
+    has = f"the law has s' = {crossing.speed:.6g} 1/s and s\" = {acceleration:.6g} 1/s^2"
     if crossing.corank > 1 or abs(alpha) <= NO_HOLD * np.abs(powers).sum():  # each motion has a condition
         return has
     required = crossing.acceleration - crossing.wrench / alpha
-    if abs(required) < CONDITION_ROUNDING * abs(crossing.acceleration):
+    if abs(required) < rounding:
         required = 0.0
     deflected = " and these deflections" if branch.robot.n_e else ""
     return f"{has}, and at this s'{deflected} it asks for s\" = {required:.6g}"
