@@ -354,7 +354,7 @@ def write_page(file: FilePath, page: str | bytes, options: Namespace, option: st
 
 
 def check_page(file: str | FilePath | None, options: Namespace, option: str = "--html") -> None:
-    """Refuse a page or picture that cannot be written, before the work for it; None is no file."""
+    """Refuse a page or picture that cannot be written, before long work; None is no file."""
     if file is not None:
         check_files({FilePath(file): PROGRAM}, option=option, overwrite=options.overwrite)
 

@@ -316,9 +316,10 @@ def _require_mass(robot: ParallelRobot, M: Array) -> None:
 
 
 def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
-    """Return motors whose joints deflections move independently, and the deflections that stay beside them.
+    """Choose motors whose joints deflections move independently; return them and the other deflections.
 
-    The others are replaced such that W is as far from singular as possible at the worst of the T instants.
+    The motors replace k deflections, chosen so that W is as far from singular as possible at the worst of the
+    T instants. The other deflections stay coordinates.
     """
     from scipy.linalg import qr
 

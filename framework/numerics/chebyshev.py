@@ -98,10 +98,9 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    The roots are the eigenvalues of the colleague matrix, with rows and columns in reverse order, which
-    reduces rounding errors as in numpy's `chebroots`. They have a closed form for degree 2, the degree of p'
-    of a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted.
-    The tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
+    The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
+    a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
+    tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
     double root by its square root.
     """
     sizes = np.abs(series)
@@ -110,10 +109,7 @@ def real_roots(series: Array) -> Array:
     degree = int(above[-1]) if len(above) else 0
     if degree == 0 or _constant_dominates(sizes[: degree + 1]):
         return np.empty(0)
-    if degree == 2:
-        roots = _quadratic_roots(series)
-    else:
-        roots = np.linalg.eigvals(chebyshev.chebcompanion(series[: degree + 1])[::-1, ::-1])
+    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
     real = roots[np.abs(roots.imag) <= np.sqrt(SAME_PLACE)].real
     return np.sort(real[np.abs(real) <= 1 + SAME_PLACE].clip(-1.0, 1.0))
 
@@ -142,6 +138,28 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
     half_difference = np.sqrt(complex(middle**2 - product))
     larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
     return np.array([larger, product / larger if larger else 0.0])
+
+
+def _all_roots(series: Array) -> NDArray[Any]:
+    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
+
+    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
+    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
+    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
+    """
+    degree = len(series) - 1
+    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
+    ratios = series[:degree] / series[degree]
+    matrix = _colleague_matrix(degree).copy()
+    matrix[:, 0] -= (ratios * weights)[::-1]
+    return np.linalg.eigvals(matrix)
+
+
+@lru_cache(maxsize=64)
+def _colleague_matrix(degree: int) -> Array:
+    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
+    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -209,7 +209,7 @@ def write_files(
 
 
 def check_files(beginnings: Mapping[Path, str], *, option: str = "--html", overwrite: bool = False) -> None:
-    """Refuse, before long work, files that `write_files` would refuse after it.
+    """Refuse files that `write_files` would refuse, before long work.
 
     Args:
         beginnings: by file, how its text begins, PROGRAM if it names the program; empty if that is not known.

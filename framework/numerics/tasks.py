@@ -189,7 +189,7 @@ class Workers(Executor):
             raise
 
     def _call_in_worker(self, *call: bytes) -> Any:
-        """Return what a worker process computes from a function and (args, kwargs), or raise its error.
+        """Compute a pickled function of pickled (args, kwargs) in a worker process, or raise its error.
 
         Raises:
             LostWorkers: no process can be started, or MAX_TRIES processes were lost over the call.
@@ -271,7 +271,7 @@ def _answer_call(call: bytes) -> bytes:
 
 @lru_cache(maxsize=1)
 def _load_function(pickled: bytes) -> Callable[..., Any]:
-    """Return a pickled function; for many tasks the same one, whose robot keeps what is cached of it."""
+    """Unpickle a function, one object for many tasks: caches of the robot serve all of them."""
     return pickle.loads(pickled)
 
 
