@@ -45,10 +45,9 @@ sys.exit(main(sys.argv[1:]))
 """
 SIGNALS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
 STUDY = ["robustness", "five_bar", "--scene", "C", "--smoothness", "4", "--period", "2e-4", "--runs", "500"]
-FIGURES = ("eye", "law", "robot", "singularity", "torques", "wrench")
-FILES = {"plan.json", "motion.csv", "motion.csv-metadata.json", "figures.pdf"} | {
-    f"{name}.png" for name in FIGURES
-}
+FIGURES = ("eye", "law", "robot", "singularity", "torques", "vibrations", "wrench")
+TABLES = ("motion.csv", "motion.csv-metadata.json", "response.csv", "vibrations.csv")
+FILES = {"plan.json", "figures.pdf", *TABLES, *(f"{name}.png" for name in FIGURES)}
 COMMANDS = {
     "plan": ["plan", "gough_stewart", "--scene", "turn", "--flexibility", "flexible_links"],
     "simulate": ["simulate", "five_bar", "--scene", "C", "--method", "fast", "--step", "2e-6"],
