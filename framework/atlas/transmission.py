@@ -202,7 +202,7 @@ def _range_ends(
 
 def _rates(robot: ParallelRobot, q: Array) -> tuple[Array, Array]:
     """Compute G (P, n_a, n) and N (P, nv, n), motor angles and joints per unit rates of x."""
-    linearised = assembled_at(robot, q, stacks=True).linearised
+    linearised = assembled_at(robot, q, stacks=True)
     G, N = motor_speeds(robot, linearised)
     E = robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
     return G @ E, N @ E

@@ -41,7 +41,6 @@ from framework.kinematics.continuation.forward_kinematics import forward_kinemat
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import (
-    ClosedStack,
     LinearisedLoops,
     clearance,
     linearised_at_reference,
@@ -299,7 +298,7 @@ class _Design:
         is_near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance  # (2,)
         if is_near.any():
             return f"it comes near a Type {1 + int(is_near.argmax())} singularity"
-        motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
+        motion = motion_at(robot, closed.linearised, dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
         if (np.abs(speed) > share * self.speed_limit).any():
             return "a motor exceeds its speed limit"

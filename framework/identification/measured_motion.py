@@ -38,7 +38,7 @@ from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.inverse_kinematics import close_loops, require_square
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, clearance, linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
@@ -479,7 +479,7 @@ def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
         pose = close_loops(robot, x[k : k + 1], pose).q  # from the previous pose
         coarse.append(pose[0])
     q = close_loops(robot, x, np.repeat(coarse, stride, axis=0)[: len(x)]).q
-    return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
+    return motion_at(robot, linearised_at(robot, q, x), dx, ddx)
 
 
 def _motor_misfit(

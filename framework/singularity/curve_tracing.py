@@ -28,7 +28,6 @@ from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    equation_sizes,
     independent_loops_matrix,
     linearised_at,
     passive_matrix,
@@ -138,7 +137,7 @@ class LocusEquations:
         robot = self.robot
         linearised = linearised_at(robot, q, bases=bases)
         measure = measure_gradient(robot, linearised, border)
-        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
+        gaps = (linearised.residual / robot.equation_sizes)[:, robot.n :]  # (S, m) of the loops
         offsets, offset_slopes = self._fixed_offsets(linearised)
         # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
         slopes = [

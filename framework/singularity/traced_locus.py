@@ -140,7 +140,7 @@ def trace_locus(
     whole("starts", starts)  # none where `near` suffices
     closed = assembled_at(robot, q)
     equations = LocusEquations.of(robot, closed.q[0], closed.x[0], free)
-    mode = leg_signs(robot, closed.linearised)[0] if one_mode else None
+    mode = leg_signs(robot, closed)[0] if one_mode else None
     region = Region(equations, closed.q[0], reach * robot.length, mode)
     if one_mode:
         guesses = draw_in_mode(region, starts)  # (starts, nq)
