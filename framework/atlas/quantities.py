@@ -25,7 +25,7 @@ from framework.errors import InvalidInput, choose_from, finite_numbers
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.singularity.distances import Distances, singularity_distances
+from framework.singularity.distances import Distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Poses(ReadOnlyArrays):
     @cached_property
     def distances(self) -> Distances:
         """Distances of the poses from singularities."""
-        return singularity_distances(self.robot, self.linearised)
+        return Distances(self.robot, self.linearised)
 
     @cached_property
     def compliance(self) -> CompliantMotions:
