@@ -26,6 +26,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.singularity.distances import Distances
+from framework.singularity.type2 import signed_measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,11 +149,11 @@ QUANTITIES = {
     )
 }
 _VALUES: Mapping[str, Callable[[Poses], Array]] = {  # (T,) by the quantity's key
-    "g": lambda poses: poses.distances.g,
+    "g": lambda poses: signed_measure(poses.robot, poses.linearised),
     "conditioning": lambda poses: poses.distances.sigma_A,
-    "torque": lambda poses: poses.distances.motor_torque_norm,
-    "single_torque": lambda poses: poses.distances.motor_torque_largest,
-    "joint_torque": lambda poses: poses.distances.torque_norm,
+    "torque": lambda poses: poses.distances.worst_torques(poses.robot.gear_ratio)[0],
+    "single_torque": lambda poses: poses.distances.worst_torques(poses.robot.gear_ratio)[1],
+    "joint_torque": lambda poses: poses.distances.worst_torques(np.ones(poses.robot.n_a))[0],
     "holding": holding_torque_ratio,
     "stiffness": lambda poses: least_stiffness(poses.robot, poses.compliance),
     "frequency": lambda poses: locked_motor_frequency(poses.compliance),

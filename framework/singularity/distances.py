@@ -17,7 +17,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import least_singular_values
-from framework.singularity.type2 import signed_measure
 from framework.tolerances import RANK_LOST
 
 SINGULAR_VALUE_FLOOR = 1e-30  # least divisor: its inverse is huge, but does not overflow when squared
@@ -25,26 +24,10 @@ SINGULAR_VALUE_FLOOR = 1e-30  # least divisor: its inverse is huge, but does not
 
 @dataclass(frozen=True, eq=False)
 class Distances(ReadOnlyArrays):
-    """Distances from singularities at T configurations, each computed on first use.
-
-    Torques [N m/N for hinges, N/N for slides] balance a force of 1 N on the platform, without a moment, in
-    the worst direction of its translations. Redundant motors exert the torques of least norm. The torques are
-    infinite where the motors do not hold such a force (Type 2), and NaN for a platform that only turns.
-
-    A pressure angle is the angle between the force that one motor exerts on the platform and the velocity
-    that it gives the platform while all other motors are locked. For the 5R its complement is the
-    transmission angle between the two distal rods. An angle between twists is defined without a
-    characteristic length only if all coordinates are translations, or all are turns. So the pressure angle is
-    NaN unless the platform has two or three coordinates of one kind, and as many motors.
-    """
+    """Distances from singularities at T configurations, each computed on first use."""
 
     robot: ParallelRobot
     linearised: LinearisedLoops  # without a Type 1 singularity
-
-    @cached_property
-    def g(self) -> Array:
-        """Smallest singular value of P with the sign of det P (T,), see `signed_measure`."""
-        return signed_measure(self.robot, self.linearised)
 
     @cached_property
     def sigma_A(self) -> Array:
@@ -58,31 +41,6 @@ class Distances(ReadOnlyArrays):
             return _motor_matrices(self.robot, self.linearised)[2]
         return 1.0 / np.sqrt(1.0 + np.linalg.eigvalsh(X @ X.swapaxes(1, 2))[:, -1])
 
-    @property
-    def torque_norm(self) -> Array:
-        """Largest 2-norm of all motor torques (T,), joint side."""
-        return self._worst_torques(np.ones(self.robot.n_a))[0]
-
-    @property
-    def torque_largest(self) -> Array:
-        """Largest torque of a single motor (T,), joint side."""
-        return self._worst_torques(np.ones(self.robot.n_a))[1]
-
-    @property
-    def motor_torque_norm(self) -> Array:
-        """`torque_norm` (T,) on the motor side of the gears."""
-        return self._worst_torques(self.robot.gear_ratio)[0]
-
-    @property
-    def motor_torque_largest(self) -> Array:
-        """`torque_largest` (T,) on the motor side."""
-        return self._worst_torques(self.robot.gear_ratio)[1]
-
-    @property
-    def pressure_angle(self) -> Array:
-        """Pressure angles (T, n_a) [rad], 0 at best, pi/2 at a Type 2 singularity."""
-        return _pressure_angles(self.robot, self._J)
-
     @cached_property
     def _passive_share(self) -> Array | None:
         """X (T, n, m) with X P = passive columns of the platform, dimensionless; None without P^-1."""
@@ -95,8 +53,8 @@ class Distances(ReadOnlyArrays):
         return X.transpose(1, 0, 2) * (robot.loop_lengths / robot.platform_scale[:, None])
 
     @cached_property
-    def _J(self) -> Array:
-        """J (T, n, n_a) of v = J dq_a, dimensionless; huge near Type 2."""
+    def J(self) -> Array:
+        """J (T, n, n_a) of the platform's velocity v = J dq_a, dimensionless; huge near Type 2."""
         X = self._passive_share
         if X is None:
             return _motor_matrices(self.robot, self.linearised)[1]
@@ -116,18 +74,23 @@ class Distances(ReadOnlyArrays):
             lost[is_near] = _motor_matrices(self.robot, near)[0]
         return lost
 
-    def _worst_torques(self, gear: Array) -> tuple[Array, Array]:
-        """Compute the largest 2-norm and the largest single torque (T,) against 1 N, over all directions.
+    def worst_torques(self, gear: Array) -> tuple[Array, Array]:
+        """Compute the largest 2-norm of the motors' torques and the largest single torque, (T,) each.
 
-        By virtual work W' v = tau' dq_a, the torques are tau = J' W with v = J dq_a. `gear` (n_a,) are the
-        ratios by which gears reduce the torques.
+        The torques [N m/N for hinges, N/N for slides] balance a force of 1 N on the platform, without a
+        moment, in the worst direction of its translations. Redundant motors exert those of least norm. The
+        torques are infinite where the motors do not hold such a force (Type 2), and NaN for a platform that
+        only turns. By virtual work W' v = tau' dq_a they are tau = J' W.
+
+        Args:
+            gear: (n_a,) ratios by which gears reduce the torques; ones for the joint side.
         """
         robot = self.robot
         if not robot.translations.any():
-            undefined = np.full(len(self._J), np.nan)
+            undefined = np.full(len(self.J), np.nan)
             return undefined, undefined
         units = robot.length / (robot.column_scale[robot.actuated] * gear)  # back to metres and radians
-        torques = self._J[:, robot.translations] * units  # (T, translations, n_a)
+        torques = self.J[:, robot.translations] * units  # (T, translations, n_a)
         squares = np.linalg.eigvalsh(torques @ torques.swapaxes(1, 2))[:, -1]  # of the largest norms
         largest = np.linalg.norm(torques, axis=1).max(axis=1)  # over all directions, then over the motors
         lost = self._are_lost
@@ -151,10 +114,15 @@ def _motor_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[
     return ((values < RANK_LOST) & moves_point).any(axis=1), J, sigma_A
 
 
-def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
+def pressure_angles(robot: ParallelRobot, J: Array) -> Array:
     """Compute the pressure angles (T, n_a) [rad] from J (T, n, n_a) of v = J dq_a.
 
-    Each is the angle between a column of J and the normal of all other columns.
+    A pressure angle, 0 at best and pi/2 at Type 2, is the angle between the force that one motor exerts on
+    the platform and the velocity that it gives the platform while all other motors are locked: that between a
+    column of J and the normal of all other columns. For the 5R its complement is the transmission angle
+    between the two distal rods. An angle between twists is defined without a characteristic length only if
+    all coordinates are translations, or all are turns. So it is NaN unless the platform has two or three
+    coordinates of one kind, and as many motors.
     """
     has_one_unit = robot.translations.all() or not robot.translations.any()
     if not has_one_unit or robot.n < 2 or robot.n_a != robot.n:

@@ -52,8 +52,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, Border, solve_bordered
-from framework.singularity.distances import Distances
-from framework.singularity.type2 import twist_norm, uncontrolled_space
+from framework.singularity.distances import Distances, pressure_angles
+from framework.singularity.type2 import signed_measure, twist_norm, uncontrolled_space
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 NAMES = {
@@ -153,7 +153,9 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     if "type_2" in kinds:
         twists = _unit_twists(robot, space.motions @ linearised.platform[0].T)
     distances = Distances(robot, linearised)
-    pressure_angle = distances.pressure_angle[0]
+    pressure_angle = pressure_angles(robot, distances.J)[0]
+    norm, largest = distances.worst_torques(np.ones(robot.n_a))
+    motor_norm, motor_largest = distances.worst_torques(robot.gear_ratio)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in kinds),
         legs=legs or (),
@@ -165,12 +167,12 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         length=robot.length,
         pressure_angle=pressure_angle,
         transmission_angle=np.pi / 2 - pressure_angle,
-        g=float(distances.g[0]),
+        g=float(signed_measure(robot, linearised)[0]),
         sigma_A=float(distances.sigma_A[0]),
-        torque_norm=float(distances.torque_norm[0]),
-        torque_largest=float(distances.torque_largest[0]),
-        motor_torque_norm=float(distances.motor_torque_norm[0]),
-        motor_torque_largest=float(distances.motor_torque_largest[0]),
+        torque_norm=float(norm[0]),
+        torque_largest=float(largest[0]),
+        motor_torque_norm=float(motor_norm[0]),
+        motor_torque_largest=float(motor_largest[0]),
     )
 
 
