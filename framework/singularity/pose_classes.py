@@ -52,8 +52,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, Border, solve_bordered
-from framework.singularity.distances import singularity_distances
-from framework.singularity.type2 import twist_norm, uncontrolled_space
+from framework.singularity.distances import Distances, pressure_angles
+from framework.singularity.type2 import signed_measure, twist_norm, uncontrolled_space
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 NAMES = {
@@ -151,7 +151,10 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     twists = np.zeros((0, robot.n))
     if "type_2" in kinds:
         twists = _unit_twists(robot, space.motions @ linearised.platform[0].T)
-    distances = singularity_distances(robot, linearised)
+    distances = Distances(robot, linearised)
+    pressure_angle = pressure_angles(robot, distances.J)[0]
+    norm, largest = distances.worst_torques(np.ones(robot.n_a))
+    motor_norm, motor_largest = distances.worst_torques(robot.gear_ratio)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in kinds),
         legs=legs or (),
@@ -161,10 +164,14 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         gained=gained,
         contact=contact,
         length=robot.length,
-        pressure_angle=distances.pressure_angle[0],
-        transmission_angle=distances.transmission_angle[0],
-        # the distances with one number for each configuration have the same names in both records
-        **{name: float(values[0]) for name, values in distances._asdict().items() if values.ndim == 1},
+        pressure_angle=pressure_angle,
+        transmission_angle=np.pi / 2 - pressure_angle,
+        g=float(signed_measure(robot, linearised)[0]),
+        sigma_A=float(distances.sigma_A[0]),
+        torque_norm=float(norm[0]),
+        torque_largest=float(largest[0]),
+        motor_torque_norm=float(motor_norm[0]),
+        motor_torque_largest=float(motor_largest[0]),
     )
 
 
