@@ -111,6 +111,9 @@ AXIS = """\
     speed                 largest {speed[1]}
     reflected             dry friction {friction}; backlash of 1 of all motors' joints {backlash_gain}\
 {play}{held}"""
+NO_ROTORS = (
+    "  without rotors        the file states neither rotor inertia of the motors nor armature of their joints"
+)
 PLAY = "\n    play                  {} with motors at rest, by the backlash in the robot file"
 HELD = "\n    springs and dampers   motors hold {springs} at rest [N m, N]; damping {damping} [N m s, N s/m]"
 ROW = (
@@ -131,6 +134,8 @@ def _format(document: Document, posture: str) -> list[str]:
         words["play"] = PLAY.format(words["play"]) if axis["play"][1] else ""
         words["held"] = HELD.format_map(words) if any(axis["springs"] + axis["damping"]) else ""
         lines.append(AXIS.format_map({"name": name, "armature": axis["armature"], **words}))
+    if not np.any(document["armature"]):
+        lines.append(NO_ROTORS)
     lines += [ERROR_HEAD, COLUMNS]
     names = list(document["axes"])
     for error in document["errors"]:
