@@ -138,10 +138,9 @@ def transmission(
     for x in grid:
         try:
             q = assemble(robot, x).q
-            limits.append(platform_limits(robot, q))
             dynamics_at(robot, q)
-        except FrameworkError:
-            del limits[len(poses) :]
+            limits.append(platform_limits(robot, q))
+        except FrameworkError:  # out of reach, or singular
             continue
         poses.append(x)
         configurations.append(q)
@@ -149,19 +148,18 @@ def transmission(
         raise NoAnswer("no pose in these ranges is assembled and regular", name=robot.name)
 
     q = np.array(configurations)  # (P, nq)
-    G, N = _rates(robot, q)
-    transposed = N.swapaxes(1, 2)
+    N, N0 = _joint_rates(robot, q), _joint_rates(robot, assemble(robot, x0).q[None])
+    motors, transposed = N[:, robot.actuated], N.swapaxes(1, 2)
+    armature = _rotor_inertia(robot, N0)[0]
     carried = transposed @ mass_matrices(_with_bodies(robot, carried=True), q) @ N
     links = transposed @ mass_matrices(_with_bodies(robot, carried=False), q) @ N
     dampers = lines_at(robot, q).damping + np.diag(robot.joint_damping)  # (P, nv, nv)
-    motors = G / robot.gear_ratio[:, None]  # dq_a/dx
     reflected = np.abs(np.linalg.inv(motors))  # (P, n, n_a)
-    _, N0 = _rates(robot, assemble(robot, x0).q[None])
     E = robot.platform.rate_matrix(np.array(poses))
     return LinkageTransmission(
         robot=robot,
         x=np.array(poses),
-        gear=G,
+        gear=robot.gear_ratio[:, None] * motors,
         inertia=E.swapaxes(1, 2) @ dynamics_at(robot, q).platform_inertia @ E,
         carried=carried,
         links=links,
@@ -173,9 +171,11 @@ def transmission(
         play=reflected @ np.array([actuator.backlash for actuator in robot.description.actuators]),
         limits=tuple(limits),
         posture=x0,
-        armature=_rotor_inertia(robot, N0)[0],
+        armature=armature,
         errors=tuple(
-            _mapping_error(robot, x0, axis, frequency) for axis in range(robot.n) for frequency in frequencies
+            _mapping_error(robot, x0, armature, axis, frequency)
+            for axis in range(robot.n)
+            for frequency in frequencies
         ),
         unreached=len(grid) - len(poses),
     )
@@ -202,12 +202,11 @@ def _range_ends(
     return low, high
 
 
-def _rates(robot: ParallelRobot, q: Array) -> tuple[Array, Array]:
-    """Compute G (P, n_a, n) and N (P, nv, n), motor angles and joints per unit rates of x."""
+def _joint_rates(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the joint rates N (P, nv, n) per unit rates of x at q (P, nq)."""
     linearised = assembled_at(robot, q, stacks=True).linearised
-    G, N = motor_speeds(robot, linearised)
-    E = robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
-    return G @ E, N @ E
+    _, N = motor_speeds(robot, linearised)
+    return N @ robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
 
 
 def _joint_inertia(robot: ParallelRobot) -> Array:
@@ -240,8 +239,10 @@ def _with_bodies(robot: ParallelRobot, *, carried: bool) -> ParallelRobot:
     return replace(robot, model=model)
 
 
-def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float) -> MappingError:
-    """Compute the errors of the static mapping in one period of a sine about x0 (n,)."""
+def _mapping_error(
+    robot: ParallelRobot, x0: Array, armature: Array, axis: int, frequency: float
+) -> MappingError:
+    """Compute the errors of the static mapping in one period of a sine about x0 (n,), of armature (n, n)."""
     times = np.linspace(0.0, 1.0 / frequency, INSTANTS, endpoint=False)
     w = 2 * np.pi * frequency
     step = AMPLITUDE * robot.platform_scale * np.eye(robot.n)[axis]
@@ -255,8 +256,9 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
             f"{robot.axis_names[axis]} about it ({failure.sentence})"
         ) from None
     instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
-    G, N = _rates(robot, q)
-    mapped = np.vecmat(instant.torque, G)
+    N = _joint_rates(robot, q)  # (T, nv, n)
+    motors = N[:, robot.actuated]
+    mapped = np.vecmat(robot.gear_ratio * instant.torque, motors)
     model = _with_bodies(robot, carried=True).model
     data = model.createData()
     rows = zip(q, instant.v, instant.a, strict=True)
@@ -270,9 +272,7 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
     carried = np.vecmat(needed, N)
     springs = np.vecmat(all_spring_forces(robot, q, robot.joint_stiffness) + damping, N)
     error = mapped - carried
-    own = np.vecmat(_joint_inertia(robot) * instant.a[:, robot.actuated], N[:, robot.actuated])
-    _, N0 = _rates(robot, assemble(robot, x0).q[None])
-    constant = ddx @ _rotor_inertia(robot, N0)[0]
-    left = (error, error - constant, error - own, error - own - springs)
+    own = np.vecmat(_joint_inertia(robot) * instant.a[:, robot.actuated], motors)
+    left = (error, error - ddx @ armature, error - own, error - own - springs)
     largest = [np.abs(one).max(axis=0) for one in (mapped, carried, *left)]
     return MappingError(robot.axis_names[axis], frequency, *largest)
