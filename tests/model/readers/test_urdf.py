@@ -630,6 +630,10 @@ def test_gazebo_s_detachable_joint_closes_the_loop_of_a_urdf(tmp_path):
     description = read(tmp_path, ARMS.replace("</robot>", f"{plugin}</robot>"), motors=["ja"]).description
     (closure,) = description.closures
     assert (closure.frames[1], closure.axes) == ("end", locked_axes("fixed"))
+    grasp = plugin.replace(">end<", ">lid<").replace(">arms<", ">box<")  # of what is spawned later
+    text = ARMS.replace("</robot>", f"{plugin}{grasp}</robot>")
+    left_out = read(tmp_path, text, motors=["ja"]).description.left_out
+    assert any("DetachableJoint of tip and box::lid" in effect for effect in left_out)
 
 
 def test_transmissions_with_other_parts_are_named_and_do_not_stop_the_file(tmp_path):
