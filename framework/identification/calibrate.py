@@ -196,7 +196,7 @@ def calibrate(
     for name, value in {**noises, "length_error": length_error, "angle_error": angle_error}.items():
         positive(name, value)
     geometry = parametrise_geometry(robot, joints)
-    data = load_recording(robot, data, conversions)
+    data = load_recording(robot, data, conversions).complete()
     measured = select_measurements(geometry, data, noises)
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():

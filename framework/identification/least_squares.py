@@ -158,7 +158,7 @@ class _Reduced(NamedTuple):
 class _MotionErrors(NamedTuple):
     """Errors z (m k,) of splines, coefficient by coefficient, each of all k signals."""
 
-    angles: Any  # (T k, m k) sparse, signals over their noise by z
+    angles: Any  # (samples k, m k) sparse, signals over their noise by z
     accelerations: Any  # (T k, m k) sparse, by z
 
     @staticmethod

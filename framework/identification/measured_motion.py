@@ -73,8 +73,8 @@ class SplineErrors(NamedTuple):
     with errors z * noise, where z (m, k) has the information values' values.
     """
 
-    values: Any  # (T, m) sparse, of the signals by the coefficients
-    accelerations: Any  # (T, m) sparse, of their second derivatives
+    values: Any  # (T, m) sparse, of the samples by the coefficients
+    accelerations: Any  # (S, m) sparse, of the second derivatives at the S instants of the motion
     noise: Array  # (k,) deviation of a sample
 
 
@@ -124,8 +124,9 @@ def measured_motion(
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     if not trial:
         robot = begin_at_first_row(robot, data, start or {})
+    shown = times[::stride]  # (S,)
     torque = _read_torques(robot, data)[::stride]
-    joints = smooth(times, _read_motor_joints(robot, data), cutoff, stride)
+    joints = smooth(times, _read_motor_joints(robot, data), cutoff, shown)
 
     # close the loops, from the motors if possible, else from the platform
     source = "motors"
@@ -143,14 +144,25 @@ def measured_motion(
     if motion is not None and poses is None and has_platform:
         x = data.columns("platform", robot.axis_names)[::stride]
         offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (T, n)
-        if np.abs(offset).max() > MAX_MOTOR_MISFIT:
+        if np.abs(offset[~np.isnan(x).any(axis=1)]).max(initial=0.0) > MAX_MOTOR_MISFIT:
             if trial:
                 raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             motion = None
             leads_elsewhere = True
     if motion is None:
         source = "platform"
-        smoothed = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
+        known = data.complete("platform_")
+        if len(known) < MIN_SAMPLES:
+            raise InvalidInput(
+                f"{data.source}: {len(known)} samples of the platform; at least {MIN_SAMPLES} are needed"
+            )
+        # a tracker may be slower than the motors, and begin behind them
+        seen = known.column("time")
+        within = np.flatnonzero((shown >= seen[0]) & (shown <= seen[-1]))
+        data = data.rows(slice(None, None, stride)).rows(within)
+        shown, torque = shown[within], torque[within]
+        joints = joints._replace(values=joints.values[:, within], rate_error=joints.rate_error[within])
+        smoothed = smooth(seen, known.columns("platform", robot.axis_names), cutoff, shown)
         first = (smoothed.values[0, 0] - robot.reference.x) / robot.platform_scale
         if trial and np.abs(first).max() > 1.0:  # a robot length or a radian away
             raise InvalidInput(f"{data.source}: the platform begins far from the reference")
@@ -159,7 +171,7 @@ def measured_motion(
     return MeasuredMotion(
         source=source,
         cutoff=joints.cutoff,
-        times=times[::stride],
+        times=shown,
         motion=motion,
         errors=smoothed.errors,
         sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
@@ -173,41 +185,50 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
     """Raise InvalidInput for columns that are missing, too short, begin anew after a turn, or have spikes.
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most
-    other samples: no motor starts or stops between two samples. A spike is a sample far from the median
-    of itself and its neighbours, which steps of friction leave alone, and which rounding moves by few
-    counts. Neither is looked for at gaps in time, over which a fast motor makes whole turns. The platform
-    is checked unless `poses` leave it out.
+    other samples: no motor starts or stops between two samples. Whole numbers alone are counts of an
+    encoder. A spike is a sample far from the median of itself and its neighbours, which steps of friction
+    leave alone, and which rounding moves by few counts. Turns and spikes are not looked for at gaps in time,
+    over which a fast motor makes whole turns. The platform is checked unless `poses` leave it out.
     """
-    turn = 2.0 * np.pi
+    turns_by_unit = {"": 2.0 * np.pi, "deg": 360.0}
     spread = 0.99  # share of the samples whose distance from the median is noise
     least_spike = 0.05  # of the column's range
     least_counts = 3.0  # of the steps to which a column is rounded, which noise crosses one by one
     largest_step = 1.5  # of time, over the median step; longer ones are gaps
-    time_steps = np.diff(data.column("time"))
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
     kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
     if poses != "motors" and data.has("platform", robot.axis_names):
         kinds["platform"] = robot.axis_names
     names = [f"{kind}_{ending}" for kind, endings in kinds.items() for ending in endings]
     columns = np.hstack([data.columns(kind, endings) for kind, endings in kinds.items()])  # (T, k)
-    for name, values in zip(names, columns.T, strict=True):
+    for name, column in zip(names, columns.T, strict=True):
+        known = np.flatnonzero(~np.isnan(column)).tolist()  # a slower tracker has no number at most samples
+        values = column[known]
+        time_steps = np.diff(data.column("time")[known])
+        is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
         steps = np.where(is_usual, np.abs(np.diff(values)), 0.0)
-        turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
-        others = np.delete(steps, turns)
-        if name.startswith("motor") and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
+        is_angle = name.startswith("motor")
+        for unit, turn in turns_by_unit.items():
+            turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
+            others = np.delete(steps, turns)
+            if is_angle and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
+                raise InvalidInput(
+                    f"{data.source}: {data.row(known[turns[0] + 1])}: {name} begins anew after a turn; "
+                    f"{f'--unit {name}={unit} ' * bool(unit)}--unwrap {name} counts on"
+                )
+        if is_angle and np.ptp(values) and (values == np.round(values)).all():
             raise InvalidInput(
-                f"{data.source}: {data.row(int(turns[0]) + 1)}: {name} begins anew after a turn; "
-                f"--unwrap {name} counts on"
+                f"{data.source}: {name} has whole numbers alone, as counts of an encoder: --unit "
+                f"{name}=SIZE declares how many radians or metres one of them is"
             )
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
-        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)
+        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)  # (T - 2,)
         count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
         limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count)
         spikes = 1 + np.flatnonzero(distance > limit)
         if len(spikes):
-            rows = list_names([data.row(int(spike)) for spike in spikes], most=8)
+            rows = list_names([data.row(known[spike]) for spike in spikes], most=8)
             before, spike, after = values[spikes[0] - 1 : spikes[0] + 2]
             raise InvalidInput(
                 f"{data.source}: {rows}: a spike, {name} is {spike:.4g} between {before:.4g} and {after:.4g};"
@@ -254,6 +275,9 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
     single = {robot.coordinates.name_of(k): k for k in sorted(single_columns(robot.model))}
     for joint in start:
         check_choice("joint of --start", joint, single)
+    data = data.complete("joint_").complete("platform_").rows(slice(1))
+    if not len(data):
+        return robot
     motors = dict(zip(robot.actuator_names, _read_motor_joints(robot, data)[0].tolist(), strict=True))
     measured = {
         joint: float(data.column(f"joint_{joint}")[0]) for joint in single if data.has("joint", [joint])
@@ -288,8 +312,10 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
 # ------------------------------------------------------------------ smoothing
 
 
-def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: int = 1) -> SmoothedSamples:
-    """Smooth samples (T, k) at increasing times (T,), and differentiate every `stride`-th one twice.
+def smooth(
+    times: Array, samples: Array, cutoff: float | None = None, shown: Array | None = None
+) -> SmoothedSamples:
+    """Smooth samples (T, k) at increasing times (T,); differentiate twice at instants `shown` (S,).
 
     The number m of spline coefficients is 2 `cutoff` duration or, by default, that of the least generalised
     cross-validation score, multiplied over the signals.
@@ -319,7 +345,7 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: in
         count = round(2.0 * cutoff * duration)
 
     spline = _fit_spline(times, samples, count)
-    shown = times[::stride]  # (S,)
+    shown = times if shown is None else shown  # (S,)
     values = np.array([spline(shown, order) for order in range(3)])
     # the noise of the samples, and by simulation that of the derivatives; what smoothing changes of the rates
     squares = np.sum((samples - spline(times)) ** 2, axis=0)
@@ -329,18 +355,18 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: in
     spreads = [np.sqrt(np.mean(noise_spline(shown, order) ** 2, axis=1)) for order in (1, 2)]  # (S,) each
     rate_spread = spreads[0][:, None] * noise  # (S, k)
     coarser = _fit_spline(times, samples, max(min_coefficients, int(count / refinement)))
-    intervals = find_intervals(spline.t, spline.k, times)  # (T,)
-    columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
-    functions, _, curvatures = (
-        banded_rows(spline_values(spline.t, spline.k, intervals, times, order)[:, None], columns, count)
-        for order in range(3)
-    )
+    rows = []  # of values at all samples, and of accelerations at those shown, by the coefficients
+    for t, order in ((times, 0), (shown, 2)):
+        intervals = find_intervals(spline.t, spline.k, t)
+        columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
+        by_coefficients = spline_values(spline.t, spline.k, intervals, t, order)
+        rows.append(banded_rows(by_coefficients[:, None], columns, count))
     return SmoothedSamples(
         values=values,
         cutoff=0.5 * count / duration,
         rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(shown, 1)),
         acceleration_known=spreads[1] < MAX_ACCELERATION_SPREAD * np.median(spreads[1]),
-        errors=SplineErrors(functions, curvatures, noise),
+        errors=SplineErrors(values=rows[0], accelerations=rows[1], noise=noise),
     )
 
 
