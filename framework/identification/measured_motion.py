@@ -113,8 +113,8 @@ def measured_motion(
         progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: columns are missing, the cutoff out of range, or a torque always zero; or the platform
-            contradicts the motors.
+        InvalidInput: columns are missing, or the cutoff is out of range; or the platform contradicts the
+            motors.
         NotAssembled: the loops do not close at some pose.
         Type2Singularity: the motors pass a Type 2 singularity.
     """
@@ -125,7 +125,7 @@ def measured_motion(
     if not trial:
         robot = begin_at_first_row(robot, data, start or {})
     shown = times[::stride]  # (S,)
-    torque = _read_torques(robot, data)[::stride]
+    torque = data.columns("torque", robot.actuator_names)[::stride]
     joints = smooth(times, _read_motor_joints(robot, data), cutoff, shown)
 
     # close the loops, from the motors if possible, else from the platform
@@ -182,7 +182,7 @@ def measured_motion(
 
 
 def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = None) -> None:
-    """Raise InvalidInput for columns that are missing, too short, begin anew after a turn, or have spikes.
+    """Raise InvalidInput for columns that are missing, short, zero, begin anew after a turn, or have spikes.
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most
     other samples: no motor starts or stops between two samples. Whole numbers alone are counts of an
@@ -222,6 +222,8 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
                 f"{data.source}: {name} has whole numbers alone, as counts of an encoder: --unit "
                 f"{name}=SIZE declares how many radians or metres one of them is"
             )
+        if name.startswith("torque") and not values.any():
+            raise InvalidInput(f"{data.source}: {name} is zero at all samples; measured torques are needed")
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
         distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)  # (T - 2,)
         count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
@@ -234,21 +236,6 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
                 f"{data.source}: {rows}: a spike, {name} is {spike:.4g} between {before:.4g} and {after:.4g};"
                 f" leave such rows out, time may have gaps"
             )
-
-
-def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the measured torques (T, n_a) [N m, N].
-
-    Raises:
-        InvalidInput: a torque is zero at all samples.
-    """
-    torque = data.columns("torque", robot.actuator_names)
-    for joint, column in zip(robot.actuator_names, torque.T, strict=True):
-        if not column.any():
-            raise InvalidInput(
-                f"{data.source}: torque_{joint} is zero at all samples; measured torques are needed"
-            )
-    return torque
 
 
 def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
