@@ -389,9 +389,7 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
     """
     q_a, dq_a, ddq_a = joints
-    q = _poses_of_motors(robot, q_a, progress)  # (T, nq)
-    linearised = linearised_at(robot, q)
-    _check_clearance(robot, q, linearised)
+    q, linearised = _poses_of_motors(robot, q_a, progress)  # (T, nq)
     _, N = motor_speeds(robot, linearised)  # (T, nv, n)
     joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
     v = np.matvec(joints_per_motor, dq_a)
@@ -400,17 +398,21 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     return freeze_deflections(robot, q, v, a)
 
 
-def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
-    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq).
+def _poses_of_motors(
+    robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]
+) -> tuple[Array, LinearisedLoops]:
+    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq) and their linearised loops.
 
     Poses are followed from one to the next a `largest_step` apart; Newton's method closes those between from
-    the pose before.
+    the pose before. Beyond a singularity motor angles do not determine the mode of the robot. One is possible
+    between two poses if the clearance, extrapolated linearly through two neighbouring instants, reaches zero
+    at the instant behind them or the one ahead of them.
 
     Args:
         progress: called with the number of poses followed.
 
     Raises:
-        Type2Singularity: the motors reach a singularity before the last instant.
+        Type2Singularity: the motors reach a singularity before the last instant, or may pass one.
     """
     largest_step = 0.05  # [rad, robot lengths] of a motor between poses that are followed
     check_motors_are_free(robot)
@@ -429,34 +431,17 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
     turn = full_motion(robot, robot.actuated, q_a - robot.actuated_coordinates(start[None]))
     guess = np.array(followed)[np.searchsorted(first, np.arange(len(q_a)), side="right") - 1]
     closed = close_at_motors(robot, start, turn, guess)
-    if not closed.closed.all():
-        k = int(np.argmin(closed.closed))
-        x = robot.platform.coordinates(closed.linearised.frames)[k]
-        raise _type2_error(robot, closed.q[k], x, float(closed.linearised.gap[k]), k / len(q_a))
-    return closed.q
-
-
-def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
-    """Raise Type2Singularity if the motors may pass one between two poses q (T, nq).
-
-    Beyond a singularity motor angles do not determine the mode of the robot. A singularity is possible if the
-    clearance, extrapolated linearly through two neighbouring instants, reaches zero at the instant after them
-    or before them.
-
-    Args:
-        linearised: loops at q.
-    """
+    linearised = closed.linearised
     clearances = clearance(robot, linearised)  # (T,)
     change = np.diff(clearances)
-    inner = clearances[1:-1]
-    next_value = inner + change[:-1]  # extrapolated through an instant and the one before it
-    previous_value = inner - change[1:]  # through an instant and the one after it
-    may_vanish = (next_value <= 0.0) | (previous_value <= 0.0)
-    if not may_vanish.any():
-        return
-    k = 1 + int(may_vanish.argmax())  # the first of these instants
-    x = robot.platform.coordinates(linearised.frames)[k]
-    raise _type2_error(robot, q[k], x, float(linearised.gap[k]), k / len(q))
+    extrapolated = clearances[1:-1] + np.minimum(change[:-1], -change[1:])
+    is_near = ~closed.closed
+    is_near[1:-1] |= extrapolated <= 0.0
+    if is_near.any():
+        k = int(is_near.argmax())
+        x = robot.platform.coordinates(linearised.frames)[k]
+        raise _type2_error(robot, closed.q[k], x, float(linearised.gap[k]), k / len(q_a))
+    return closed.q, linearised
 
 
 def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:
