@@ -171,14 +171,10 @@ def prescribed_motion(
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    zeros = np.zeros(robot.n)
-    derivatives = {"dx": dx, "ddx": ddx, "dddx": dddx}
-    rates = np.stack(
-        [
-            stack_rows(name, zeros if values is None else values, robot.n, count)
-            for name, values in derivatives.items()
-        ]
-    )
+    rates = np.zeros((3, count, robot.n))
+    for k, (name, values) in enumerate((("dx", dx), ("ddx", ddx), ("dddx", dddx))):
+        if values is not None:
+            rates[k] = stack_rows(name, values, robot.n, count)
     applied = stack_wrenches(robot, wrenches, count)
     motion = apply_wrenches(robot, motion_at(robot, closed, *rates[:2]), applied)
     return PrescribedMotion(closed.x, rates, motion, applied, entry_of(q))

@@ -118,7 +118,10 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     moment_change = cross(dp, weight * a) + cross(p, force_change)
     if not rows.only_translations:  # the couples of other rows are zero
         moment_change += rows.couple_weight[:, None] * (cross(db, a) + cross(b, da))
-    return np.concatenate(np.broadcast_arrays(force_change, moment_change), axis=-1)
+    wrench_change = np.empty((*moment_change.shape[:-1], 6), moment_change.dtype)
+    wrench_change[..., :3] = force_change
+    wrench_change[..., 3:] = moment_change
+    return wrench_change
 
 
 def closure_drift(rows: LoopRows, motions: FrameMotions, q: Array, v: Array) -> Array:

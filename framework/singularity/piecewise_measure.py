@@ -60,12 +60,12 @@ class MeasuredMatrix:
 
     def count_lost_ranks(self, s: float) -> int:
         """Count the singular values that vanish at s."""
-        values = singular_values(self.evaluate(np.array([s]))[0])
-        return count_small_values(values, RANK_LOST**self.power)
+        values = singular_values(self.evaluate(np.array([s]))[0])  # (n,), descending
+        return int((values < RANK_LOST**self.power * min(values[0], 1.0)).sum())
 
     def border_width(self, values: Array) -> int:
-        """Return the number of small singular values (n,) of a matrix, at least 1, for its border."""
-        return max(1, count_small_values(values, VANISHING_TOGETHER**self.power))
+        """Return the number of small singular values (n,), descending, of a matrix, at least 1."""
+        return max(1, int((values < VANISHING_TOGETHER**self.power * min(values[0], 1.0)).sum()))
 
     def linearise_guesses(self, s: Array) -> LinearisedLoops:
         """Linearise the loops at the branch's guesses for s (T,), where the loops need not be closed."""
@@ -239,11 +239,6 @@ def _hides_root(matrices: Array, border: Border) -> bool:
         return True
     determinants = signs * np.exp(logarithms - logarithms.max())  # over the largest
     return len(real_roots(coefficients(determinants[:, None])[:, 0])) > 0
-
-
-def count_small_values(values: Array, level: float) -> int:
-    """Count singular values (n,), descending, below `level` times the first, or times 1 if that is less."""
-    return int((values < level * min(values[0], 1.0)).sum())
 
 
 # ------------------------------------------------------------------ extrema near zero

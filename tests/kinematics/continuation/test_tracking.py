@@ -67,6 +67,12 @@ def test_knots_are_closed_tangents_are_tangents_and_guesses_lie_between(name):
     assert off.max() < 0.03
 
 
+def test_guesses_go_on_beyond_both_ends_of_the_path():
+    robot, s = robots.load("five_bar"), np.array([-0.01, -1e-4, 0.5, 1.0 + 1e-4, 1.01])
+    guess = track_path(robot, LINE).guess(s)
+    np.testing.assert_allclose(guess[:, robot.actuated], cranks(LINE(s)), atol=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
 def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):
