@@ -12,6 +12,7 @@ from framework.kinematics.modes import leg_signs, legs
 from framework.planning.scenes import scene_path
 from framework.singularity.curve_tracing import LocusEquations
 from framework.singularity.drawn_locus import locus_curves
+from framework.singularity.traced_locus import REGION_REACH
 from tests.robots.test_gough_stewart import plucker
 from tests.singularity.test_points_on_path import LEFT, LENGTH, RIGHT
 
@@ -249,6 +250,22 @@ def test_the_determinants_of_the_legs_multiply_to_that_of_the_inverse_kinematics
     assert sum(parts)[0] == pytest.approx(whole[1][0], abs=1e-9)
     assert set(np.abs(leg_signs(robot, linearised)[0])) == {1.0}
     assert sorted(motor for leg in legs(robot) for motor in leg.motors) == sorted(robot.actuator_names)
+
+
+@pytest.mark.slow
+def test_curves_traced_together_are_those_that_each_start_gives_alone():
+    robot = robots.load("five_bar")
+    q = robot.reference.q
+    together = trace_locus(robot, q, starts=12, with_cusps=False)
+    rng = np.random.default_rng(0)  # the draws of `starts`
+    guesses = rng.uniform(-np.pi, np.pi, (12, len(robot.moving)))  # four hinges
+    alone = [trace_locus(robot, q, starts=0, near=[q + guess], with_cusps=False).curves for guess in guesses]
+    for first, second in ((together.curves, sum(alone, ())), (sum(alone, ()), together.curves)):
+        points = np.concatenate([curve.x for curve in first])
+        offset = np.abs(points - robot.reference.x).max(axis=1)
+        points = points[offset < REGION_REACH * robot.length]  # the ends lie a step outside
+        # chords are off the curve by MAX_TANGENT_TURN^2 / 8 of its radius, on both sides
+        assert gap([curve.x for curve in second], points).max() < 2e-3 * robot.length
 
 
 def test_slices_that_cannot_be_are_refused():
