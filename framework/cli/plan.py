@@ -385,9 +385,8 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
 def plan_lines(plan: CrossingPlan) -> list[str]:
     """Return the report on a plan, in words."""
     robot = plan.robot
-    law = plan.reason if plan.is_chain else f"{plan.law.kind} law"
-    if plan.law.kind == Law.kind and not plan.is_chain:
-        law = f"law of degree {plan.law.degree}"
+    law = f"law of degree {plan.law.degree}" if plan.law.kind == Law.kind else f"{plan.law.kind} law"
+    law = plan.reason if plan.is_chain else law
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
     reason = [] if plan.is_chain else [Fact("law", plan.reason)]
     facts = [*reason, *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]

@@ -197,9 +197,8 @@ def _plan_without_polynomial(
         NoLaw, NotConverged: neither law is found; the message has both reasons.
         NoAnswer: the refusal of the optimal law, if times and speeds are searched only now.
     """
-    failure = "the polynomial is not resolved"
-    if isinstance(no_polynomial, NoLaw):
-        failure = "there is no polynomial"
+    is_none = isinstance(no_polynomial, NoLaw)
+    failure = "there is no polynomial" if is_none else "the polynomial is not resolved"
     why = f"optimal, as {failure} over {request.fixed_duration:g} s: {no_polynomial.message}"
     try:
         return _plan_optimal(to_cross, request, why)

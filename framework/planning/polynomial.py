@@ -79,10 +79,9 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
             raise
         except NotConverged as failure:
             failures.append(failure)
-        except UnboundedTorque as unbounded:
+        except UnboundedTorque as unbounded:  # the law turns back and passes a crossing once more
             if request.at is not None or not timing:  # conditions elsewhere, or none, are asked for
                 raise
-            # each crossing meets its condition: beyond it the law turns back, and passes it once more
             failures.append(NoLaw(f"the law of the deflected robot turns back: {unbounded.sentence}"))
     else:
         raise failures[0]
@@ -174,9 +173,7 @@ def _reason_for_law(law: Law, request: Request, crossing_count: int) -> str:
     least_degree = request.ends.least_degree(request.smoothness, crossing_count)
     speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
     if request.kind != "polynomial":
-        if speed_ratio > 0:
-            return "the polynomial advances"
-        return "the polynomial, though it overshoots its ends"
+        return f"the polynomial{' advances' if speed_ratio > 0 else ', though it overshoots its ends'}"
     reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
     if law.degree > least_degree:
         reason += f"; that of the least degree, {least_degree}, does not advance at the times given"

@@ -84,11 +84,9 @@ class RaisedDegree:
         least_degree = self.ends.least_degree(self.smoothness, len(self.places))
         if least_degree >= self.degree:
             return None
-        count = len(self.places)
+        starts = np.tile(FIRST_SPEEDS[:, None], len(self.places))  # (m, k)
         if speeds is not None:
             starts = np.array(speeds)[None] * self.duration
-        else:
-            starts = np.tile(FIRST_SPEEDS[:, None], count)
         candidates = [found for start in starts if (found := self._solve(start)) is not None]
         if not candidates:
             return None

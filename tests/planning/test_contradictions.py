@@ -112,6 +112,24 @@ def of_catalogue(name: str, scene: str, flexibility: str) -> Crossing:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("name", "scene"), [("five_bar", "C"), ("three_rpr", "crossing")])
+def test_no_law_into_motion_is_beaten_at_the_own_times_of_another(name, scene):
+    """With an end in motion, and with limits and the duration open."""
+    one = of_catalogue(name, scene, "rigid")
+    ends = ((), (0.4 / one.duration,))
+    free = Asked("peak_torque", duration=one.duration, ends=ends)
+    limit = 1.3 * answer_of(one, free).peak
+    answers = []
+    for asked in (free, Asked("time", torque_limit=limit, ends=ends)):
+        law = answer_of(one, asked)
+        assert law.plan is not None, law.refusal or law.failure
+        times = tuple(crossing.time for crossing in law.plan.crossings)
+        answers += [law, answer_of(one, replace(asked, times=times))]
+    answers.append(answer_of(one, Asked("peak_torque", longest=one.duration, ends=ends)))
+    assert contradictions(answers) == []
+
+
+@pytest.mark.slow
 def test_no_law_of_an_elastic_robot_is_beaten():
     """Nor by that of other limits, nor by the quickest one's in its own duration."""
     one = of_catalogue("five_bar", "C", "flexible_joints")
