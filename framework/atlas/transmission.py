@@ -204,7 +204,7 @@ def _range_ends(
 
 def _joint_rates(robot: ParallelRobot, q: Array) -> Array:
     """Compute the joint rates N (P, nv, n) per unit rates of x at q (P, nq)."""
-    linearised = assembled_at(robot, q, stacks=True).linearised
+    linearised = assembled_at(robot, q, stacks=True)
     _, N = motor_speeds(robot, linearised)
     return N @ robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
 

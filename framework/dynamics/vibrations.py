@@ -73,8 +73,8 @@ def platform_vibrations(
             a motor moves neither mass nor a spring.
     """
     expect_robot(robot)
-    closed = assembled_at(robot, q, stacks=True)
-    q, linearised = closed.q, closed.linearised
+    linearised = assembled_at(robot, q, stacks=True)
+    q = linearised.q
     locked = compliant_motions(robot, linearised, q)
     columns = np.concatenate([robot.actuated, robot.unlocked])
     free = compliant_motions(robot, linearised, q, columns=columns)
