@@ -177,7 +177,7 @@ class FeedforwardPD:
 
     def start(self, runs: int) -> IntegralRun:
         """Return the controller of R runs at the start of the plan."""
-        return IntegralRun(self, np.zeros((runs, self.reference.robot.n_a)))
+        return IntegralRun(self)
 
     def error(self, k: int, measurement: Measurement) -> Array:
         """Compute the errors (R, n_a) [rad, m] of the motors' angles at sampling instant k."""
@@ -294,7 +294,7 @@ class ComputedTorque:
 
     def start(self, runs: int) -> IntegralRun:
         """Return the controller of R runs at the start of the plan."""
-        return IntegralRun(self, np.zeros((runs, self.reference.robot.n)))
+        return IntegralRun(self)
 
     def error(self, k: int, measurement: Measurement) -> Array:
         """Compute the errors (R, n) [m, rad] of the platform at sampling instant k."""
@@ -340,7 +340,7 @@ class IntegralRun:
     """Feedforward or computed torque with the integrals of the errors of R runs."""
 
     controller: FeedforwardPD | ComputedTorque
-    error_integral: Array  # (R, n_a) [rad s] of motors, or (R, n) [m s, rad s] of the platform
+    error_integral: Array | float = 0.0  # (R, n_a) [rad s] of motors, (R, n) [m s, rad s] of the platform
 
     @property
     def reference(self) -> Reference:

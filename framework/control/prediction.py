@@ -145,7 +145,7 @@ class LinearModels(NamedTuple):
             return None
         if controller.sensors is None and not sensors_of(robot, loop).state:
             return None
-        plants = [plant_with_readings(model, controller.sensors, robot.n) for model in models]
+        plants = [plant_with_readings(model, controller.sensors, self.reference) for model in models]
         return controller.feedback, plants
 
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:

@@ -196,7 +196,7 @@ def tune_lqr(
             f"{', '.join(robot.elastic_names)}: use lqg, or feedforward"
         )
     model = linearise_plan(reference)
-    plant = plant_with_readings(model, None, robot.n)
+    plant = plant_with_readings(model, None, reference)
     exact = Observer(plant, np.ascontiguousarray(plant.C.swapaxes(1, 2)), np.zeros(2 * model.m))
     gain = regulator_gains(reference, model, weights)
     return Regulator(reference, model, gain, loop.delayed_periods(reference.period), exact, None)
@@ -223,7 +223,7 @@ def tune_lqg(
         weights: what the filter does not model.
     """
     sensors = sensors_of(reference.robot, loop)
-    plant = plant_with_readings(model, sensors, reference.robot.n)
+    plant = plant_with_readings(model, sensors, reference)
     estimated = {kind.rstrip("s") for kind in (disturbances_of(spread) if estimates is None else estimates)}
     start = prior_deviations(reference, model, spread)
     start[2 * model.m :] *= [name.split()[0] in estimated for name in model.names]
@@ -332,14 +332,14 @@ def tune_filter(
     return Observer(plant, gain, deviation)
 
 
-def plant_with_readings(model: LinearModel, sensors: LoopSensors | None, n: int) -> Plant:
-    """Return the linear model of a platform of n coordinates in discrete time, with readings y = C z + D tau.
+def plant_with_readings(model: LinearModel, sensors: LoopSensors | None, reference: Reference) -> Plant:
+    """Return the linear model in discrete time, with readings y = C z + D tau.
 
     Encoders behind springs read deflections in static balance with z and tau. Without sensors the readings
     are h and h'.
     """
     count, N, n_a = model.G.shape
-    m = model.m
+    m, n, period = model.m, reference.robot.n, reference.period
 
     def first(size: int) -> tuple[Array, Array]:
         """Return C and D of the first states."""
@@ -351,8 +351,12 @@ def plant_with_readings(model: LinearModel, sensors: LoopSensors | None, n: int)
     rows = [(S @ model.joints, S @ model.joints_by_torque)]
     if sensors.platform:
         rows.append(first(n))
-    if sensors.imu:
-        rows.append((model.A[:, m : m + n], model.B[:, m : m + n]))
+    if sensors.imu:  # mean of the last period, (dx_k - dx_(k-1)) / T with z_(k-1) = F^-1 (z_k - G tau)
+        inverse = np.linalg.inv(model.F[:-1])
+        C, D = np.zeros((count, n, N)), np.zeros((count, n, n_a))
+        C[1:] = (np.eye(N) - inverse)[:, m : m + n] / period
+        D[1:] = (inverse @ model.G[:-1])[:, m : m + n] / period
+        rows.append((C, D))
     C, D = (np.concatenate(part, axis=1) for part in zip(*rows, strict=True))
     return Plant(model.F, model.G, C, D)
 

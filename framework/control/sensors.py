@@ -7,7 +7,7 @@ Sensors are named by kind:
               drive without a spring of its own has this encoder on its motor's joint
     elbows    encoders on all passive hinges and slides; elbows:JOINT is that of one of them
     platform  the pose of the platform
-    imu       accelerations of the platform
+    imu       accelerations of the platform, means of the last period
     joints    all joints and the platform with their rates: the whole state
 """
 

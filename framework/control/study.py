@@ -196,14 +196,8 @@ def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunk
 
 
 GAINS = ("bandwidth", "integral", "torque_share")  # fields of Tuning that a label may have
-GAINS_OF = {  # by the controllers that have them
-    "feedforward": GAINS[:2],
-    "lqr": GAINS[2:],
-    "lqg": GAINS[2:],
-    "computed_torque": GAINS[:2],
-    "naive_computed_torque": GAINS[:2],
-}
-CONTROLLERS = tuple(GAINS_OF)
+CONTROLLERS = ("feedforward", "lqr", "lqg", "computed_torque", "naive_computed_torque")
+GAINS_OF = {name: GAINS[2:] if name in ("lqr", "lqg") else GAINS[:2] for name in CONTROLLERS}
 
 
 def split_label(label: str) -> tuple[str, dict[str, Any]]:

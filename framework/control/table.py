@@ -43,7 +43,7 @@ def controller_table(regulator: Controller, sensors: tuple[str, ...]) -> tuple[s
     if sensing.platform:
         planned.append(reference.x)
     if sensing.imu:
-        planned.append(reference.ddx)
+        planned.append(np.diff(reference.dx, axis=0, prepend=reference.dx[:1]) / reference.period)
     arrays: dict[str, Array] = {
         "time": reference.times[:, None],
         "torque": reference.period_torque,

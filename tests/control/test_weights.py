@@ -7,7 +7,7 @@ import pytest
 
 from framework.control import Spread
 from framework.control.deviation import Plant
-from framework.control.regulators import Weights, regulator_gains, tune_filter
+from framework.control.regulators import Weights, plant_with_readings, regulator_gains, tune_filter
 from framework.control.sensors import IMU_NOISE, LEAST_NOISE, PLATFORM_NOISE, LoopSensors
 
 K, N_A, N, M = 4, 2, 2, 3  # periods, motors, coordinates of the platform, pairs of states
@@ -149,3 +149,15 @@ def test_more_noise_is_of_accelerations_and_motors_alone():
     more = WEIGHTS.with_noise(3.0)
     assert (more.acceleration, more.motor_torque) == pytest.approx((0.15, 0.21))
     assert vars(more.with_noise(1 / 3)) == pytest.approx(vars(WEIGHTS))
+
+
+def test_an_accelerometer_reads_the_mean_acceleration_of_the_last_period():
+    rng, model, plan = draw(4)
+    model.joints, model.joints_by_torque = np.zeros((K, 5, STATES)), np.zeros((K, 5, N_A))
+    sensors = LoopSensors(np.zeros((0, 5)), np.arange(0), np.zeros(0), platform=False, imu=True, state=False)
+    plant = plant_with_readings(model, sensors, plan)
+    for k in range(K - 1):
+        z, torque = rng.normal(size=STATES), rng.normal(size=N_A)
+        after = model.F[k] @ z + model.G[k] @ torque
+        reading = plant.C[k + 1] @ after + plant.D[k + 1] @ torque
+        np.testing.assert_allclose(reading, (after - z)[M : M + N] / PERIOD, rtol=1e-9, atol=1e-9)
