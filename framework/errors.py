@@ -122,10 +122,11 @@ class SingularReference(InvalidInput):
         """
         what = [f"{name} holds nothing" for name in rows] + [f"{name} moves nothing" for name in joints]
         shown = [", ".join(f"{joint}: {angle:.6g}" for joint, angle in pose.items()) for pose in poses]
+        advice = "; give a reference beside it, such as " * bool(shown)
         super().__init__(
             f"{robot}: the reference is on a singularity of the loops: {', '.join(what)} there, unlike "
-            f"nearby, and the robot can go on in several ways; give a reference beside it"
-            f"{', such as ' * bool(shown)}{' or '.join(f'{{{angles}}}' for angles in shown)}"
+            f"nearby, and the robot can go on in several ways{advice}"
+            f"{' or '.join(f'{{{angles}}}' for angles in shown)}"
         )
         self.rows, self.joints, self.poses = tuple(rows), tuple(joints), tuple(poses)
 

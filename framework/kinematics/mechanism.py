@@ -13,6 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -33,7 +34,7 @@ from framework.model.readers.pinocchio_model import parse_pinocchio
 from framework.model.readers.recognise import parse_any
 from framework.model.urdf_edits import insert_springs
 from framework.model.urdf_elements import ParsedRobot, read_tree
-from framework.model.visuals import read_visuals, visual_model
+from framework.model.visuals import read_visuals
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
@@ -236,7 +237,23 @@ class Mechanism(ReadOnlyArrays):
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
         """The visuals of the URDF on `model`, for pinocchio's viewers."""
-        return visual_model(read_visuals(self.description, self.model), self.model)
+        solids = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+        geometries = pin.GeometryModel()
+        for k, shape in enumerate(read_visuals(self.description, self.model)):
+            if shape.vertices is None or shape.faces is None:
+                sizes = (np.array(shape.size),) if shape.kind == "box" else shape.size
+                solid = solids[shape.kind](*sizes)
+            else:
+                solid = coal.BVHModelOBBRSS()
+                solid.beginModel(len(shape.faces), len(shape.vertices))
+                solid.addVertices(shape.vertices)
+                solid.addTriangles(shape.faces)
+                solid.endModel()
+            name = f"{self.model.names[shape.node]}_{k}"
+            geometry = pin.GeometryObject(name, shape.node, pin.SE3(shape.placement), solid)
+            geometry.meshColor = np.array(shape.color)
+            geometries.addGeometryObject(geometry)
+        return geometries
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:

@@ -250,20 +250,11 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
     Args:
         frames: names of the mechanism's frames.
     """
-    first, second, axes, names = [], [], [], []  # of each pair of axes: both frames, the axis, the closure
+    pairs: list[tuple[Any, ...]] = []  # both frames, the axis, the closure
     for closure in closures:
-        free = _free_turns(closure)  # axes 0..2
-        if len(free) > 1:  # no axes stay parallel
-            continue
-        parallel = free if free else [0, 1]
-        for k in parallel:
-            first.append(frames.index(closure.frames[0]))
-            second.append(frames.index(closure.frames[1]))
-            axes.append(k)
-            names.append(closure.name)
-    return LockedDirections(
-        read_only(np.array(first, dtype=np.intp)),
-        read_only(np.array(second, dtype=np.intp)),
-        read_only(np.array(axes, dtype=np.intp)),
-        read_only(np.array(names, dtype=str)),
-    )
+        free = _free_turns(closure)  # axes 0..2; with several no axes stay parallel
+        parallel = [] if len(free) > 1 else free or [0, 1]
+        pairs += [(*map(frames.index, closure.frames), k, closure.name) for k in parallel]
+    *indices, names = ([pair[i] for pair in pairs] for i in range(4))
+    first, second, axes = (read_only(np.array(column, dtype=np.intp)) for column in indices)
+    return LockedDirections(first, second, axes, read_only(np.array(names, dtype=str)))

@@ -214,14 +214,10 @@ class RobotReader:
         }
         motor: Actuator = dataclass_of(Actuator, readers)(where, given)
         corner, no_load = motor.corner_speed, motor.no_load_speed
-        if corner is None and no_load is None:
-            return motor
         for key in ("torque_limit", "corner_speed", "no_load_speed"):
-            if getattr(motor, key) is None:
+            if getattr(motor, key) is None and (corner, no_load) != (None, None):
                 raise RobotFileError(f"{below(where, key)}: required, as part of a torque-speed curve")
-        assert corner is not None
-        assert no_load is not None
-        if corner >= no_load:
+        if corner is not None and no_load is not None and corner >= no_load:
             raise RobotFileError(
                 f"{below(where, 'corner_speed')}: must be below the no_load_speed {no_load:g}, got {corner:g}"
             )
@@ -300,9 +296,7 @@ class RobotReader:
         stated = mapping_of(record(_DYNAMICS_TABLE), read_name)(where, given)
         values: JointValues = {}
         # whole joints first, so that the entry of a coordinate overrides
-        names = [name for name in stated if name in whole_joints]
-        names += [name for name in stated if name not in whole_joints]
-        for name in names:
+        for name in sorted(stated, key=lambda name: name not in whole_joints):
             entry = {key: value for key, value in stated[name].items() if value is not None}
             if name not in joints and "armature" in entry:
                 key = below(below(where, name), "armature")

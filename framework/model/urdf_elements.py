@@ -428,7 +428,8 @@ def check_inertial(link: Element, extent: float) -> None:
     where = f"link {link.get('name')!r}"
     if mass < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
-    negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
+    radius = POINT_BODY_GYRATION * extent
+    negligible = mass * radius * radius  # a power overflows with an error
     check_inertia(f"{where}: <inertia>", inertia, negligible=negligible)
 
 
@@ -475,7 +476,7 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
     """
     entries = np.asarray(matrix, dtype=float)
     largest_entry = float(np.abs(entries).max())
-    if largest_entry <= negligible:
+    if not largest_entry > negligible:  # also if 0 kg at infinity make it no number
         return
     moments = np.linalg.eigvalsh(entries / largest_entry)  # (3,) ascending; scaled against overflow
     least, middle, largest = moments

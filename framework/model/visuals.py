@@ -7,7 +7,7 @@ of a cylinder is z, as in URDF.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, fromstring
@@ -82,27 +82,6 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
     return shapes
 
 
-def visual_model(shapes: Sequence[Shape], model: pin.Model) -> pin.GeometryModel:
-    """Return shapes as pinocchio's geometries on the joints of a `model`."""
-    solids = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
-    geometries = pin.GeometryModel()
-    for k, shape in enumerate(shapes):
-        if shape.vertices is None or shape.faces is None:
-            sizes = (np.array(shape.size),) if shape.kind == "box" else shape.size
-            solid = solids[shape.kind](*sizes)
-        else:
-            solid = coal.BVHModelOBBRSS()
-            solid.beginModel(len(shape.faces), len(shape.vertices))
-            solid.addVertices(shape.vertices)
-            solid.addTriangles(shape.faces)
-            solid.endModel()
-        name = f"{model.names[shape.node]}_{k}"
-        geometry = pin.GeometryObject(name, shape.node, pin.SE3(shape.placement), solid)
-        geometry.meshColor = np.array(shape.color)
-        geometries.addGeometryObject(geometry)
-    return geometries
-
-
 def _read_solid(
     description: RobotDescription, geometry: Element
 ) -> tuple[str, tuple[float, ...], Array | None, IntArray | None]:
@@ -156,8 +135,7 @@ def _read_color(material: Element | None, materials: Mapping[str | None, Element
     default = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
     if material is None:
         return default
-    of_robot = materials.get(material.get("name"))
-    for element in (material, of_robot):
+    for element in (material, materials.get(material.get("name"))):
         if element is not None and (color := element.find("color")) is not None:
             red, green, blue, alpha = parse_numbers("rgba", color.get("rgba"), 4)
             return red, green, blue, alpha

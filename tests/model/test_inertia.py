@@ -111,3 +111,10 @@ def test_what_exporters_leave_of_a_point_is_no_inertia_in_robots_of_any_size(len
     check_inertial(link(1e-9 * length), length)
     with pytest.raises(RobotFileError, match="no body has"):
         check_inertial(link(1e-3 * length), length)
+
+
+@pytest.mark.parametrize("extent", [1e200, np.inf])
+def test_a_body_without_mass_is_negligible_at_any_distance(extent):
+    """Also where the square of the distance overflows: 0 times infinity is no number."""
+    link = ElementTree.fromstring(f'<link name="a"><inertial><mass value="0"/>{POINT_MASS}</inertial></link>')
+    check_inertial(link, extent)

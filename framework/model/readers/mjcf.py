@@ -494,12 +494,9 @@ def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics
 
 
 def _make_visual(shape: str, size: Array, origin: Array) -> Element:
-    """Return the URDF's `<visual>` of a primitive geom.
+    """Return the URDF's `<visual>` of a primitive geom at a placement `origin` (4, 4) in the link.
 
-    Args:
-        shape: one of the values of _SHAPE_OF_GEOM.
-        size: (3,) [m] as MuJoCo has it: half edges of a box; radius and half length of others.
-        origin: (4, 4) placement in the link.
+    MuJoCo's `size` (3,) [m] has half edges of a box, else radius and half length.
     """
     texts = {
         "size": vector_text(2 * size),

@@ -279,10 +279,8 @@ def _has_mesh(spec: Any, geom: Any) -> bool:
     mesh = spec.mesh(geom.meshname)
     if mesh is None:
         return False
-    if not mesh.file:
-        return True  # its vertices are in the specification
-    file = Path(mesh.file).name if spec.strippath else mesh.file
-    return (Path(spec.modelfiledir) / mesh.compiler.meshdir / file).is_file()
+    file = Path(mesh.file).name if spec.strippath else mesh.file  # empty if vertices are stated
+    return not mesh.file or (Path(spec.modelfiledir) / mesh.compiler.meshdir / file).is_file()
 
 
 def _adds_mass(mujoco: Any, geom: Any) -> bool:

@@ -173,13 +173,11 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
 def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
     """Report dynamics and mimic of a joint that becomes a closure, as acting on its child."""
-    _, child = joint.links
     has_dynamics = any(motion.dynamics != JointDynamics() for motion in joint.motions)
     properties = {"dynamics": has_dynamics, "mimic": _has_property(joint.element, "mimic")}
-    for name, is_stated in properties.items():
-        if is_stated:
-            text = f"joint {joint.name!r}: its {name}, where the loop is cut"
-            tree.left_out.append(UnreadElement(text, (child,)))
+    for name in filter(properties.get, properties):
+        text = f"joint {joint.name!r}: its {name}, where the loop is cut"
+        tree.left_out.append(UnreadElement(text, joint.links[1:]))
 
 
 def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:

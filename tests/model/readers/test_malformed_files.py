@@ -255,6 +255,7 @@ def test_a_changed_file_gives_its_error(name, old, new, expected, tmp_path):
             "<mujoco>" + "<default class='a'>" * 900 + "</default>" * 900 + "</mujoco>",
             "MuJoCo: ",
         ),
+        ("part.xml", "<?xml version='1.0'?><mujocoinclude/>", "a part that MuJoCo's files include"),
         (
             "circle.urdf",
             "<robot name='r'><link name='o'/><link name='a'/><link name='b'/>"
