@@ -228,13 +228,13 @@ def _trial_of_zero(
     from scipy.optimize import minimize_scalar  # slow to import
 
     def misfit(zero: float) -> float:
-        """Compute the misfit with this zero."""
-        return measure(Conversions(zeros={column: zero}).convert(data))
+        """Compute the misfit with this zero, a large one if there is none."""
+        return min(measure(Conversions(zeros={column: zero}).convert(data)), 1.0 / CLEAR_MISFIT)
 
     sizes = np.ptp(data.column(column)) * 0.5 ** np.arange(6)
     grid = np.array([*-sizes, 0.0, *sizes[::-1]])
     best = int(np.clip(np.argmin([misfit(zero) for zero in grid]), 1, len(grid) - 2))
-    found = minimize_scalar(misfit, bounds=grid[[best - 1, best + 1]], options={"maxiter": 20})
+    found = minimize_scalar(misfit, bounds=grid[[best - 1, best + 1]], options={"maxiter": 12})
     return float(found.fun), Conversions(zeros={column: float(f"{found.x:.6g}")})
 
 
