@@ -313,12 +313,12 @@ def record(paths: list[Path], numbers: dict[str, int], files: list[str], scratch
 
 
 class Candidate(NamedTuple):
-    """A mutant, the plain tests that try it in this order, and the files that they are from."""
+    """A mutant, the plain tests that try it in this order, and the files of these and of slower ones."""
 
     mutant: Mutant
     names: list[str]
     files: set[str]
-    left: list[str]  # tests that reach it and are not tried
+    left: int  # tests that reach it and are not tried
     slow: float  # processor time [s] of slow tests after them
 
 
@@ -329,7 +329,7 @@ def choose_tests(mutant: Mutant, tests: list[Test], bit: int, seconds: float, sl
     near.sort(key=lambda test: (not test.reached & bit, test.seconds))
     names = [test.name for test in near]
     tried = bisect(list(accumulate(test.seconds for test in near)), seconds)
-    left = [test.name for test in near[tried:] if test.reached & bit]
+    left = sum(1 for test in near[tried:] if test.reached & bit)
     return Candidate(mutant, names[:tried], files, left, slow)
 
 
@@ -347,8 +347,8 @@ def judge(session: Session, items: list[pytest.Item], candidate: Candidate) -> s
             return f"dies by {item.nodeid}, which is slow"
         if time.process_time() > end:
             break
-    left = f", not tried {' '.join(candidate.left)}" * bool(candidate.left)
-    return f"{SURVIVES} {len(chosen)} plain tests of {' '.join(sorted(candidate.files))}{left}"
+    last = f", the slowest {candidate.names[-1]}" if candidate.names else ""
+    return f"{SURVIVES} {len(chosen)} plain tests{last}; {candidate.left} that reach it are not tried"
 
 
 def judge_anew(candidate: Candidate) -> str:

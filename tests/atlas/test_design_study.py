@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from framework.atlas.design_study import StudyTask, design_study, map_designs, read_designs, study_setup
+from framework.atlas.map_files import value_range
 from framework.cli import main
 from framework.numerics.kept import KeptChunks
 from framework.show.study_figures import plot_study
@@ -95,3 +96,9 @@ def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
         assert told in json.loads(capsys.readouterr().out)["error"]["message"]
     assert main(["map", "five_bar", "--table", str(table), "--json"]) == 2
     assert main(["map", "five_bar", "--study", "--json"]) == 2
+
+
+def test_ranges_have_least_median_and_greatest_of_what_is_a_number():
+    values = np.array([[3.0, np.nan], [1.0, 7.0]])
+    assert list(value_range(values).values()) == [1.0, 3.0, 7.0]
+    assert set(value_range(values[:1, 1:]).values()) == {None}

@@ -31,7 +31,15 @@ def geared(folder):
     return ParallelRobot.from_description(replace(description, couplings=(replace(coupling, ratio=-1.7),)))
 
 
-OTHERS = OTHERS | {"couplings": geared}
+def curved(folder):
+    """The same gear with a ratio that changes along the motion, whose rows have a drift."""
+    description = geared(folder).description
+    (coupling,) = description.couplings
+    coupling = replace(coupling, terms=(((coupling.of, coupling.of), 0.4),))
+    return ParallelRobot.from_description(replace(description, couplings=(coupling,)))
+
+
+OTHERS = OTHERS | {"couplings": curved}
 
 
 def test_a_geared_joint_is_closed_without_another_search(tmp_path, monkeypatch):

@@ -32,6 +32,12 @@ def reference(name, scene, period=PERIOD):
     return reference_of(plan_scene(robots.load(name), scene), period=period)
 
 
+def test_dry_friction_is_smoothed_below_some_per_cent_of_a_motors_largest_speed():
+    ref = reference("five_bar", "C")
+    shares = ref.friction_speed / np.abs(ref.motor_speed).max(axis=0)
+    assert np.all((shares > 0.001) & (shares < 0.1))
+
+
 def on_the_plan(ref, k, sensors="joints"):
     state = RobotState(ref.motion.q[k][None], ref.motion.v[k][None], ref.x[k][None], ref.dx[k][None])
     readings = np.zeros((1, len(ref.robot.actuated)))  # of lqg, which has encoders on the motors here

@@ -164,9 +164,10 @@ def test_springs_and_friction_of_joints_are_shown(tmp_path, capsys):
     assert "dry friction of right_elbow 0.25 N m (joint side): worth" in capsys.readouterr().out
 
 
-def test_a_spring_or_damper_on_one_turn_of_a_ball_acts_on_the_axes_of_the_file():
+@pytest.mark.parametrize("rest", [0.2, 0.0])
+def test_a_spring_or_damper_on_one_turn_of_a_ball_acts_on_the_axes_of_the_file(rest):
     """Power of the joint's forces is the rate of the spring's energy and what the damper takes."""
-    acting = {"arm_rx": JointDynamics(stiffness=3.0, rest=0.2), "arm_rz": JointDynamics(damping=0.7)}
+    acting = {"arm_rx": JointDynamics(stiffness=3.0, rest=rest), "arm_rz": JointDynamics(damping=0.7)}
     text = """<robot name="ball"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0.2 0.1"/>
       <mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
       <joint name="arm" type="spherical"><parent link="base"/><child link="arm"/></joint></robot>"""
@@ -195,7 +196,7 @@ def test_a_spring_or_damper_on_one_turn_of_a_ball_acts_on_the_axes_of_the_file()
     )
 
     def energy(t):
-        return 1.5 * (pin.log3(pin.Quaternion(pin.integrate(robot.model, q, t * v)).matrix())[0] - 0.2) ** 2
+        return 1.5 * (pin.log3(pin.Quaternion(pin.integrate(robot.model, q, t * v)).matrix())[0] - rest) ** 2
 
     forces = forces_on_joints(
         robot,

@@ -599,3 +599,11 @@ def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monk
         assert words in report
     assert main(["identify", "five_bar", str(tmp_path / "none.csv")]) == 2
     assert "none.csv" in capsys.readouterr().err
+
+
+def test_smoothing_does_not_know_when_the_clock_was_started():
+    times = np.linspace(0.0, 1.0, 201)
+    samples = np.sin(np.outer(times, [3.0, 7.0]))
+    now, later = (smooth(start + times, samples, cutoff=20.0) for start in (0.0, 64.0))
+    np.testing.assert_allclose(later.values, now.values, rtol=0, atol=1e-8 * np.abs(now.values).max())
+    np.testing.assert_array_equal(later.acceleration_known, now.acceleration_known)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+import robots
+from framework.kinematics.frames import difference
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.leg_paving import KnownSolutions, has_only_known_solutions
+from framework.proofs.leg_paving import KnownSolutions, _bound_slides, has_only_known_solutions
 
 
 def circles(apart, radius):
@@ -44,3 +46,13 @@ def test_circles_that_do_not_meet_are_paved_without_a_solution(apart, radius):
 @pytest.mark.parametrize(("apart", "radius"), [(2.0, 1.0), (0.0, 1.0)])
 def test_circles_that_touch_or_are_one_are_left_open(apart, radius):
     assert not paved(circles(apart, radius), [])
+
+
+@pytest.mark.parametrize("name", ["three_rpr", "biglide", "gough_stewart", "orthoglide"])
+def test_no_slide_is_longer_than_its_bound(name):
+    """In the reference, of which the longest slide is a good share of the bound."""
+    robot = robots.load(name)
+    slides = robot.sliding[robot.moving]
+    offsets = difference(robot, robot.neutral, robot.reference.q[None])[0, robot.moving][slides]  # [m]
+    for x in (robot.reference.x, None):
+        assert np.abs(offsets).max() / robot.length <= _bound_slides(robot, robot.reference.q, x) < 20.0

@@ -1,5 +1,7 @@
 """Singular points move with the deflections at the rate that `locate` tells."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,3 +88,7 @@ def test_where_several_motions_escape_no_derivative_is_told():
     start = np.array([0.1, 0.05, 1.0, 0.2, 0.1, 0.0])  # to the opposite pose, through the flat one
     (shift,) = shifts(robot, Line(start, -start))
     assert np.isnan(shift).all()
+    branch = track_path(robots.load("five_bar", flexibility="flexible_links"), PATH)
+    (point,) = locate_singularities(branch.robot, PATH, branch=branch)
+    assert np.isfinite(spring_shift(branch, point)).all()
+    assert np.isnan(spring_shift(branch, replace(point, corank=2))).all()
