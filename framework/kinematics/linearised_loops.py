@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from warnings import warn
 
 import numpy as np
 
@@ -52,6 +53,12 @@ class LinearisedLoops:
     def q(self) -> Array:
         """Configurations (T, nq)."""
         return self.frames.q
+
+    @property
+    def linearised(self) -> LinearisedLoops:
+        """These equations themselves, which `close_loops` once returned as a part; deprecated."""
+        warn("close_loops(..).linearised goes in 0.10: see close_loops(..)", DeprecationWarning, stacklevel=2)
+        return self
 
     @property
     def bases(self) -> Array:

@@ -90,6 +90,8 @@ def spoilt(robot):
 
 def test_what_closes_is_what_closes_alone(robot):
     alone = close_loops(robot, REACHED, guesses(robot, 3))
+    with pytest.warns(DeprecationWarning, match="goes in"):  # as users of 0.8 have it
+        assert alone.linearised is alone
     places = np.concatenate([REACHED[:1], TOO_FAR, REACHED[1:2], REACHED[:1], REACHED[2:], REACHED[:1]])
     starts = guesses(robot, 6)
     starts[[1, 3, 5]] = spoilt(robot)
