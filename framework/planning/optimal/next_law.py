@@ -4,7 +4,7 @@ Torques T are linear in the squared speed z about the motion (`torque_response`)
 torques T_0 and d = (z - z_0) / z_0, to second order,
 
     duration = integral of z_0^(-1/2) (1 - d/2 + 3 d^2/8),
-    energy = integral of z_0^(-1/2) ((T - T_0 d/2)^2 + T_0^2 d^2/8),
+    energy = integral of z_0^(-1/2) ((T - T_0 d/2)^2 + T_0^2 ((d + 2)^2/8 - 1/2)),
 
 and the peak torque is an unknown. The cost is this goal over its value at z_0, and
 SMOOTHNESS_WEIGHT (r / MODERATE_ROUGHNESS)^(1/4) with the roughness r, the integral of (z")^2 over the squared
@@ -133,7 +133,7 @@ def _model_cost(
         for T_0, (by_y, rest), reference in zip(torques, program.rows.torque, problem.reference, strict=True):
             change = by_y[inner] / (reference * units.time**2) + relative.scale(-0.5 * T_0)
             add_squares(change, rest[inner] / reference + 0.5 * T_0, np.sqrt(time / energy))
-            add_squares(relative, -np.ones(len(time)), np.sqrt(time / (8.0 * energy)) * T_0)
+            add_squares(relative, np.ones(len(time)), np.sqrt(time / (8.0 * energy)) * T_0)
     else:
         cost["peak"] = np.array([units.torque / program.evaluate_speed(y_0).peak])
     return cost, AffineRows({"y": matrix}, offset)
