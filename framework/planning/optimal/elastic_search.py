@@ -68,11 +68,10 @@ from framework.tolerances import (
 SERIES_DEGREE = 40  # of z as one series
 MAX_STEPS = 12  # from one start
 MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflected robot is singular
-# share of z by which a law may differ from that about which torques are linear: at first and least; factor
-# after a failure
-FIRST_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.05, 0.4
-# motion of springs at the ends (`measure_rest`) above which a law is corrected first, or given up
-CORRECTED_REST, MAX_FOLLOWED_REST = 2.0, 50.0
+# share of z by which a law may differ from that about which torques are linear: at first, where springs
+# move at the ends, and the least; factor after a failure
+FIRST_TRUST, CORRECTION_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.1, 0.05, 0.4
+MAX_FOLLOWED_REST = 50.0  # motion of springs at the ends (`measure_rest`) above which a law is given up
 EXCESS_PENALTY, REST_PENALTY = 3.0, 0.02  # of the logarithm of the cost
 MAX_DETOURS = 2  # steps on from motions that are worse than the best
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
@@ -288,10 +287,11 @@ class ElasticSearch:
         problem = self._problem(share, places, is_explained=False)
         if problem.averages_open_duration:
             problem = problem._replace(average_over=suggest_time(best))
+        if about.rest > 1.0:
+            trust = min(trust, CORRECTION_TRUST)
         degree = len(about.response.y) - 1
         problem = problem._replace(response=about.response, degree=degree, trust=trust)
-        is_correction = about.rest > CORRECTED_REST
-        return require_law(problem, find_next_law(best, problem, is_correction=is_correction))
+        return require_law(problem, find_next_law(best, problem))
 
     def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:
         """Return the problem of the task within a share of its limits.

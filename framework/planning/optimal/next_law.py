@@ -33,8 +33,8 @@ TOLERANCE = 1e-7  # of a program
 Model = tuple[dict[str, Array], AffineRows]  # linear cost and square rows, of `SpeedProgram.minimise`
 
 
-def find_next_law(best: Best, problem: LawProblem, *, is_correction: bool) -> Best | NoneFound:
-    """Find the law of least cost and roughness near a motion in balance, or the nearest within all limits.
+def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
+    """Find the law of least cost and roughness near a motion in balance.
 
     Each program models the cost and required durations about the law of the last one, and has rows where that
     law exceeds limits between the points.
@@ -42,7 +42,6 @@ def find_next_law(best: Best, problem: LawProblem, *, is_correction: bool) -> Be
     Args:
         best: a similar law, with the cells and the longest duration of its search.
         problem: a problem with the response of the motion.
-        is_correction: whether the nearest law is sought, at whatever cost.
     """
     assert problem.response is not None
     specification = problem.specification
@@ -68,15 +67,14 @@ def find_next_law(best: Best, problem: LawProblem, *, is_correction: bool) -> Be
     for _ in range(MAX_PROGRAMS):
         program = program.extend(exceeded) if len(exceeded) else program
         former = speed
-        model = _model_change if is_correction else _model_cost
-        found = solve(program, former, model(program, former.y, units))
+        found = solve(program, former, _model_cost(program, former.y, units))
         if isinstance(found, Unsolved) or not np.isfinite(found.duration):
             return NoneFound(program, found.status if isinstance(found, Unsolved) else "z is not positive")
         speed = found
         peak = speed.peak if goal == "peak_torque" else None
         exceeded = find_exceeded_places(program, speed, bounds._replace(peak=peak))
         is_settled = abs(cost_of(goal, speed) / cost_of(goal, former) - 1.0) < SETTLED_COST
-        if is_correction or (is_settled and not len(exceeded)):
+        if is_settled and not len(exceeded):
             break
     least = solve(program, speed, _model_cost(program, speed.y, units, smoothness=0.0))
     if isinstance(least, Unsolved) or cost_of(goal, least) > cost_of(goal, speed):
@@ -87,13 +85,6 @@ def find_next_law(best: Best, problem: LawProblem, *, is_correction: bool) -> Be
     if adjusted is None:
         return NoneFound(program, "required durations are not met")
     return make_best(search, adjusted)
-
-
-def _model_change(program: SpeedProgram, y_0: Array, units: Units) -> Model:
-    """Return no linear cost and the square rows (P, n) of the integral of ((z - z_0) / z_0)^2."""
-    root = np.sqrt(program.weights[1:-1])  # (P,)
-    z_0 = program.z @ y_0  # (P,)
-    return {}, AffineRows({"y": program.z.scale(root / (z_0 * units.time**2))}, -root)
 
 
 def _model_cost(
