@@ -128,7 +128,7 @@ def functions_of(value: Any) -> Iterator[Any]:
 
 # Records of the computation, which public ones hold or hand on, and from which their readers need nothing.
 OF_THE_COMPUTATION = {
-    "Attitude", "Band", "BandFactors", "BranchPoses", "ClosedStack", "Collocation", "CollocationStep",
+    "Attitude", "Band", "BandFactors", "BranchPoses", "Collocation", "CollocationStep",
     "CompliantMotions", "EquationsOfMotion", "KeptChunks", "Smoothstep", "SpeedBasis", "Stretch", "Terms",
     "WorldForces",
     "Continuation", "Cubics", "DenseFactors", "Equations", "FrameMotions", "FrameStack", "LinearModels",

@@ -25,7 +25,8 @@ from framework.errors import InvalidInput, choose_from, finite_numbers
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.singularity.distances import Distances, singularity_distances
+from framework.singularity.distances import Distances
+from framework.singularity.type2 import signed_measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Poses(ReadOnlyArrays):
     @cached_property
     def distances(self) -> Distances:
         """Distances of the poses from singularities."""
-        return singularity_distances(self.robot, self.linearised)
+        return Distances(self.robot, self.linearised)
 
     @cached_property
     def compliance(self) -> CompliantMotions:
@@ -148,11 +149,11 @@ QUANTITIES = {
     )
 }
 _VALUES: Mapping[str, Callable[[Poses], Array]] = {  # (T,) by the quantity's key
-    "g": lambda poses: poses.distances.g,
+    "g": lambda poses: signed_measure(poses.robot, poses.linearised),
     "conditioning": lambda poses: poses.distances.sigma_A,
-    "torque": lambda poses: poses.distances.motor_torque_norm,
-    "single_torque": lambda poses: poses.distances.motor_torque_largest,
-    "joint_torque": lambda poses: poses.distances.torque_norm,
+    "torque": lambda poses: poses.distances.worst_torques(poses.robot.gear_ratio)[0],
+    "single_torque": lambda poses: poses.distances.worst_torques(poses.robot.gear_ratio)[1],
+    "joint_torque": lambda poses: poses.distances.worst_torques(np.ones(poses.robot.n_a))[0],
     "holding": holding_torque_ratio,
     "stiffness": lambda poses: least_stiffness(poses.robot, poses.compliance),
     "frequency": lambda poses: locked_motor_frequency(poses.compliance),

@@ -3,16 +3,20 @@
 The joints x of the platform are those of a tree, such as an ankle's pitch and roll. Motors behind the linkage
 move at G dx, G = d(motor angles)/dx. With N = dq/dx of all joints, what they feel splits into
 
-    inertia M(x) = N' M_carried N + N' M_links N + G' I G        carried body; cranks and rods; rotors I.
+    inertia M(x) = N' M_carried N + N' M_links N + N_a' I N_a    carried bodies; cranks and rods; rotors,
+
+where N_a are the rows of the motors' joints, and I is what a file states as rotors (n^2 times their inertia,
+gear ratio n) or as armature of these joints. The carried bodies are those of the platform's joints, or that
+of its frame.
 
 Controllers of legs often map torques statically, tau_joint = G' tau_motor, and expect of the tree only its
-carried body. The rest of the motors' torque is the error of that mapping,
+carried bodies. The rest of the motors' torque is the error of that mapping,
 
-    e = G' tau_motor - N' (inverse dynamics of the carried body, with damping of the platform's joints),
+    e = G' tau_motor - N' (inverse dynamics of the carried bodies, with damping of the platform's joints),
 
-of which a constant armature G' I G of one posture explains a part, and G' I (G ddx + dG/dt dx) with the
-posture's own G nearly all: what is left are the cranks and rods, and springs and dampers on joints and
-between points. These have the torques N' f(q, dq), f the forces that hold them. Dry friction and backlash of
+of which a constant armature N_a' I N_a of one posture explains a part, and N_a' I (N_a ddx + dN_a/dt dx) of
+each posture nearly all: what is left are the cranks and rods, and springs and dampers on joints and between
+points. These have the torques N' f(q, dq), f the forces that hold them. Dry friction and backlash of
 the motors' joints are reflected by |dq_a/dx|' and |(dq_a/dx)^-1|, the latter without bound at Type 2: with
 motors at rest the platform has the play |(dq_a/dx)^-1| (backlash of the joints) along each axis, at most.
 """
@@ -53,7 +57,7 @@ class MappingError(NamedTuple):
     axis: str
     frequency: float  # [Hz]
     mapped: Array  # largest G' tau_motor
-    carried: Array  # largest torque that the carried body needs
+    carried: Array  # largest torque that the carried bodies need
     nothing_known: Array
     constant_armature: Array
     own_armature: Array  # armature of each posture
@@ -68,9 +72,9 @@ class LinkageTransmission(ReadOnlyArrays):
     x: Array  # (P, n) [rad, m]
     gear: Array  # (P, n_a, n) G, motor side
     inertia: Array  # (P, n, n) [kg m^2, kg] of all
-    carried: Array  # (P, n, n) of the carried body
-    links: Array  # (P, n, n) of cranks and rods, and armature
-    rotors: Array  # (P, n, n)
+    carried: Array  # (P, n, n) of the carried bodies
+    links: Array  # (P, n, n) of cranks and rods
+    rotors: Array  # (P, n, n) of rotors, and armature of the motors' joints
     springs: Array  # (P, n) [N m, N] that motors hold against springs on joints and between points
     damping: Array  # (P, n, n) [N m s, N s/m] of all joints and dampers
     friction: Array  # (P, n) [N m, N] dry friction of motors' joints, in any direction
@@ -78,7 +82,7 @@ class LinkageTransmission(ReadOnlyArrays):
     play: Array  # (P, n) [rad, m] of the platform by the backlash in the robot file
     limits: tuple[PlatformLimits, ...]  # (P,)
     posture: Array  # (n,)
-    armature: Array  # (n, n) G' I G at the posture
+    armature: Array  # (n, n) of rotors at the posture
     errors: tuple[MappingError, ...]
     unreached: int  # poses of the grid that are not assembled or singular
 
@@ -134,10 +138,9 @@ def transmission(
     for x in grid:
         try:
             q = assemble(robot, x).q
-            limits.append(platform_limits(robot, q))
             dynamics_at(robot, q)
-        except FrameworkError:
-            del limits[len(poses) :]
+            limits.append(platform_limits(robot, q))
+        except FrameworkError:  # out of reach, or singular
             continue
         poses.append(x)
         configurations.append(q)
@@ -145,23 +148,22 @@ def transmission(
         raise NoAnswer("no pose in these ranges is assembled and regular", name=robot.name)
 
     q = np.array(configurations)  # (P, nq)
-    G, N = _rates(robot, q)
-    transposed = N.swapaxes(1, 2)
+    N, N0 = _joint_rates(robot, q), _joint_rates(robot, assemble(robot, x0).q[None])
+    motors, transposed = N[:, robot.actuated], N.swapaxes(1, 2)
+    armature = _rotor_inertia(robot, N0)[0]
     carried = transposed @ mass_matrices(_with_bodies(robot, carried=True), q) @ N
     links = transposed @ mass_matrices(_with_bodies(robot, carried=False), q) @ N
     dampers = lines_at(robot, q).damping + np.diag(robot.joint_damping)  # (P, nv, nv)
-    motors = G / robot.gear_ratio[:, None]  # dq_a/dx
     reflected = np.abs(np.linalg.inv(motors))  # (P, n, n_a)
-    G0, _ = _rates(robot, assemble(robot, x0).q[None])
     E = robot.platform.rate_matrix(np.array(poses))
     return LinkageTransmission(
         robot=robot,
         x=np.array(poses),
-        gear=G,
+        gear=robot.gear_ratio[:, None] * motors,
         inertia=E.swapaxes(1, 2) @ dynamics_at(robot, q).platform_inertia @ E,
         carried=carried,
         links=links,
-        rotors=_rotor_inertia(robot, G),
+        rotors=_rotor_inertia(robot, N),
         springs=np.vecmat(all_spring_forces(robot, q, robot.joint_stiffness), N),
         damping=transposed @ dampers @ N,
         friction=np.abs(motors).swapaxes(1, 2) @ robot.joint_friction[robot.actuated],
@@ -169,9 +171,11 @@ def transmission(
         play=reflected @ np.array([actuator.backlash for actuator in robot.description.actuators]),
         limits=tuple(limits),
         posture=x0,
-        armature=_rotor_inertia(robot, G0)[0],
+        armature=armature,
         errors=tuple(
-            _mapping_error(robot, x0, axis, frequency) for axis in range(robot.n) for frequency in frequencies
+            _mapping_error(robot, x0, armature, axis, frequency)
+            for axis in range(robot.n)
+            for frequency in frequencies
         ),
         unreached=len(grid) - len(poses),
     )
@@ -188,45 +192,57 @@ def _range_ends(
         return low, high
     if lower is not None or upper is not None:
         raise InvalidInput("lower, upper: give both or neither")
-    by_column = {limit.coordinate: limit for limit in robot.limits}
     columns = robot.platform.columns if isinstance(robot.platform, JointPlatform) else ()
-    limited = [by_column.get(int(column)) for column in columns]
-    if not limited or any(limit is None for limit in limited):
+    low, high = robot.joint_ranges[:, list(columns)]  # (n,) each
+    if not len(low) or not (np.isfinite(low) & np.isfinite(high)).all():
         raise InvalidInput(
             f"{robot.name}: the platform's coordinates ({', '.join(robot.axis_names)}) have no limits of "
             f"their own; give lower and upper, {robot.n} numbers each"
         )
-    low, high = (np.array([getattr(limit, end) for limit in limited]) for end in ("lower", "upper"))
     return low, high
 
 
-def _rates(robot: ParallelRobot, q: Array) -> tuple[Array, Array]:
-    """Compute G (P, n_a, n) and N (P, nv, n), motor angles and joints per unit rates of x."""
-    linearised = assembled_at(robot, q, stacks=True).linearised
-    G, N = motor_speeds(robot, linearised)
-    E = robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
-    return G @ E, N @ E
+def _joint_rates(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the joint rates N (P, nv, n) per unit rates of x at q (P, nq)."""
+    linearised = assembled_at(robot, q, stacks=True)
+    _, N = motor_speeds(robot, linearised)
+    return N @ robot.platform.rate_matrix(robot.platform.coordinates(linearised.frames))
 
 
-def _rotor_inertia(robot: ParallelRobot, G: Array) -> Array:
-    """Compute G' I G (P, n, n)."""
-    return G.swapaxes(1, 2) @ (robot.rotor_inertia[:, None] * G)
+def _joint_inertia(robot: ParallelRobot) -> Array:
+    """Return the inertia (n_a,) of rotors and armature on the motors' joints [kg m^2, kg]."""
+    joints = robot.actuated
+    return np.asarray(robot.rotors[joints] + robot.model.armature[joints], float)
+
+
+def _rotor_inertia(robot: ParallelRobot, N: Array) -> Array:
+    """Compute the inertia N_a' I N_a (P, n, n) of rotors as the platform's axes feel it."""
+    N_a = N[:, robot.actuated]  # (P, n_a, n)
+    return N_a.swapaxes(1, 2) @ (_joint_inertia(robot)[:, None] * N_a)
 
 
 def _with_bodies(robot: ParallelRobot, *, carried: bool) -> ParallelRobot:
-    """Return the robot whose only bodies with mass are the carried one, or all others."""
+    """Return the robot with the inertia of the carried bodies alone, or of all others but the rotors.
+
+    The armature of the platform's joints is carried.
+    """
     model = robot.model.copy()
-    body = model.frames[robot.frames[0]].parentJoint
+    own = robot.platform.columns if isinstance(robot.platform, JointPlatform) else np.arange(0)
+    bodies = {model.frames[robot.frames[0]].parentJoint}
+    bodies.update(joint for joint in range(1, model.njoints) if model.joints[joint].idx_v in own)
     for joint in range(1, model.njoints):
-        if (joint == body) != carried:
+        if (joint in bodies) != carried:
             model.inertias[joint] = pin.Inertia.Zero()
-    if carried:
-        model.armature = np.zeros(model.nv)
+    armature = np.where(np.isin(np.arange(robot.nv), own) == carried, robot.model.armature, 0.0)
+    armature[robot.actuated] = 0.0
+    model.armature = armature
     return replace(robot, model=model)
 
 
-def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float) -> MappingError:
-    """Compute the errors of the static mapping in one period of a sine about x0 (n,)."""
+def _mapping_error(
+    robot: ParallelRobot, x0: Array, armature: Array, axis: int, frequency: float
+) -> MappingError:
+    """Compute the errors of the static mapping in one period of a sine about x0 (n,), of armature (n, n)."""
     times = np.linspace(0.0, 1.0 / frequency, INSTANTS, endpoint=False)
     w = 2 * np.pi * frequency
     step = AMPLITUDE * robot.platform_scale * np.eye(robot.n)[axis]
@@ -240,8 +256,9 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
             f"{robot.axis_names[axis]} about it ({failure.sentence})"
         ) from None
     instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
-    G, N = _rates(robot, q)
-    mapped = np.vecmat(instant.torque, G)
+    N = _joint_rates(robot, q)  # (T, nv, n)
+    motors = N[:, robot.actuated]
+    mapped = np.vecmat(robot.gear_ratio * instant.torque, motors)
     model = _with_bodies(robot, carried=True).model
     data = model.createData()
     rows = zip(q, instant.v, instant.a, strict=True)
@@ -255,10 +272,7 @@ def _mapping_error(robot: ParallelRobot, x0: Array, axis: int, frequency: float)
     carried = np.vecmat(needed, N)
     springs = np.vecmat(all_spring_forces(robot, q, robot.joint_stiffness) + damping, N)
     error = mapped - carried
-    rotor_torque = robot.rotor_inertia * robot.gear_ratio * instant.a[:, robot.actuated]  # motor side
-    own = np.vecmat(rotor_torque, G)
-    G0, _ = _rates(robot, assemble(robot, x0).q[None])
-    constant = ddx @ _rotor_inertia(robot, G0)[0]
-    left = (error, error - constant, error - own, error - own - springs)
+    own = np.vecmat(_joint_inertia(robot) * instant.a[:, robot.actuated], motors)
+    left = (error, error - ddx @ armature, error - own, error - own - springs)
     largest = [np.abs(one).max(axis=0) for one in (mapped, carried, *left)]
     return MappingError(robot.axis_names[axis], frequency, *largest)

@@ -365,19 +365,19 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     if not unjoined.any():
         return
-    from scipy.ndimage import distance_transform_edt  # slow to import
-
     coarse = np.zeros_like(unjoined)  # poses of the search
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
-    # row and column (I, J) of the reached pose that is nearest to each pose
-    row, column = distance_transform_edt(
-        reason != PoseReason.REACHED, return_distances=False, return_indices=True
-    )
+    # the reached pose that is nearest to one of the search lies beside a pose that is not reached
+    reached = np.pad(reason == PoseReason.REACHED, 1)
+    inner = reached[:-2, 1:-1] & reached[2:, 1:-1] & reached[1:-1, :-2] & reached[1:-1, 2:]
+    border = np.argwhere(reached[1:-1, 1:-1] & ~inner)  # (b, 2)
+    nearest = np.zeros((*coarse.shape, 2), dtype=np.intp)  # row and column
+    nearest[coarse] = [border[np.argmin(((border - pose) ** 2).sum(axis=1))] for pose in np.argwhere(coarse)]
     other_q = np.full_like(q, np.nan)  # configurations of any working mode
     random = np.random.default_rng(0)
     for offset_size in OFFSETS:
         is_searched = coarse & np.isnan(other_q[..., 0])  # nothing found so far
-        start = q[row[is_searched], column[is_searched]]
+        start = q[tuple(nearest[is_searched].T)]
         offset = offset_size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
         end = close_each(robot, x[is_searched], integrate(robot, start, offset))
         other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)

@@ -217,7 +217,7 @@ def _add_conversions(group: Any) -> None:
         (
             "--unit",
             "COLUMN=UNIT",
-            "of a column, or of all motor_angle, torque, platform, joint: deg, mm, ms ..",
+            "of a column, or of all motor_angle, torque, platform, joint: deg, mm, ms .. or SI units",
         ),
         ("--sign", "COLUMN=-1", "columns, or all of a kind, that count the other way"),
         ("--zero", "COLUMN=VALUE", "readings where columns are zero, in SI units, after unit and sign"),

@@ -389,7 +389,8 @@ def plan_lines(plan: CrossingPlan) -> list[str]:
     if plan.law.kind == Law.kind and not plan.is_chain:
         law = f"law of degree {plan.law.degree}"
     head = f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"
-    facts = [Fact("law", plan.reason), *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]
+    reason = [] if plan.is_chain else [Fact("law", plan.reason)]
+    facts = [*reason, *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]
     return [head, *(fact.line for fact in facts)]
 
 

@@ -23,7 +23,6 @@ from framework.cli.parser import (
     add_robot_or_plan,
     integer_between,
 )
-from framework.control.by_name import CONTROLLERS, GAINS, split_label
 from framework.control.closed_loop import Run
 from framework.control.controllers import Controller
 from framework.control.linear_model import DISTURBANCES
@@ -31,7 +30,9 @@ from framework.control.prediction import LoopPrediction, predict_by_sensors, sug
 from framework.control.regulators import Tuning
 from framework.control.sensors import SENSORS, ControlLoop
 from framework.control.study import (
+    CONTROLLERS,
     FILE,
+    GAINS,
     SensorTrial,
     Study,
     StudySetup,
@@ -39,6 +40,7 @@ from framework.control.study import (
     load_study,
     run_store,
     run_study,
+    split_label,
 )
 from framework.control.variations import Spread
 from framework.errors import FrameworkError, InvalidInput, NoAnswer
@@ -47,6 +49,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text, select_fields
+from framework.tolerances import MAX_PREDICTED_SHARE
 
 DEFAULT_CONTROLLER = "feedforward"
 FILES = ("runs.csv", "robustness.pdf", "robustness.png")
@@ -73,7 +76,7 @@ DIFFERENCES = (  # of the robots from their model: option, default value, meanin
 FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 PREDICTED = "  predicted         standard deviation of the platform under lqg, in robot lengths or rad: {}"
-LEAST = "  least sensors     {}; studied with {}"
+LEAST = "  least sensors     {}; chosen are {}"
 AT_LIMITS = (
     "  at the limits     {} of {} failed runs of {} met the torque limits, of which the plan takes {:.3g} %{}"
 )
@@ -81,8 +84,9 @@ LEAVE_MORE = "; `crossing plan --robust` looks for the margin that lqg needs"
 TRIED = "  tried             lqg on robots beside those of the study: {}"
 WARNING = (
     "{0.controller} with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad and "
-    "{0.torque:.2g} of the peak torques in one standard deviation: runs will fail the tolerance {1:.4g} or "
-    "the torque limits"
+    "{0.torque:.2g} of the peak torques in one standard deviation: "
+    f"more than {MAX_PREDICTED_SHARE:.0%} of the tolerance {{1:.4g}}, or more torque than the limits leave, "
+    "so that runs may fail"
 )
 SOME_DIVERGE = (
     "{0.controller} with {0.sensors} is predicted to fail with {1:.0%} of the combinations tried of springs "
@@ -112,10 +116,10 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
     group.add_argument(
         "--runs",
-        type=integer_between(1, MAX_RUNS),
+        type=integer_between(0, MAX_RUNS),
         default=200,
         metavar="N",
-        help="runs a controller (default: 200)",
+        help="runs a controller (default: 200); 0 for what is predicted by sensors, without a run",
     )
     group.add_argument("--seed", type=int, default=0, metavar="K", help="of the random numbers (default: 0)")
     add_executor(parser)
@@ -233,11 +237,22 @@ def _share(text: str) -> float:
 
 
 def run_robustness(options: Namespace) -> Report:
-    """Study each controller on the same robots, or repeat a single run."""
+    """Study each controller on the same robots, repeat a single run, or predict without runs."""
     if options.replay is not None:
         return replay_run(options)
+    if not options.runs:
+        return _predict_only(options)
     with arguments.start_workers(options, "framework.control.study") as executor:
         return _study_controllers(options, executor)
+
+
+def _predict_only(options: Namespace) -> Report:
+    """Predict the deviations under lqg by sensors."""
+    arguments.refuse_options(options, ("out", "controller", "sweep"), "--runs 0 does no runs; leave it out")
+    setup, predictions, trials = _choose_setup(options)
+    document = {"robot": setup.plan.robot.name, **setup.to_dict()} | _describe_sensors(predictions, trials)
+    head = f"{document['robot']}: without runs, {setup.loop.tolerance:.4g} robot lengths or rad passes"
+    return document, [head, *_format_sensors(setup, predictions, trials)]
 
 
 def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
@@ -257,16 +272,13 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
         if out is not None:
             stores |= {name: run_store(out, setup.to_dict(), name) for name in controllers}
         studies = _run_studies(options, setup, controllers, stores, executor)
-        document = _make_document(setup, studies, out) | {
-            "predicted": [asdict(one) for one in predictions],
-            "tried": [one._asdict() for one in trials],
-        }
+        document = _make_document(setup, studies, out) | _describe_sensors(predictions, trials)
         if predictions:  # there are linear models
             options.warnings += _warn(setup, controllers)
         if folder is not None:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
-    return document, _format_studies(document)
+    return document, [*_format_studies(document), *_format_sensors(setup, predictions, trials)]
 
 
 def _choose_setup(options: Namespace) -> tuple[StudySetup, list[LoopPrediction], list[SensorTrial]]:
@@ -279,7 +291,7 @@ def _choose_setup(options: Namespace) -> tuple[StudySetup, list[LoopPrediction],
             setup.reference, setup.loop, setup.spread, models=setup.linear_models
         )
     except FrameworkError:  # the linear model does not exist
-        if suggests:
+        if suggests or not options.runs:
             raise
         predictions = []
     if not suggests:
@@ -326,6 +338,26 @@ def _warn(setup: StudySetup, controllers: dict[str, Controller]) -> list[str]:
         elif one is not None and one.ends < 1:
             warnings.append(SOME_DIVERGE.format(one, 1 - one.ends))
     return warnings
+
+
+def _describe_sensors(predictions: list[LoopPrediction], trials: list[SensorTrial]) -> Document:
+    """Return predictions and trials by sensors as a document."""
+    return {
+        "predicted": [asdict(one) for one in predictions],
+        "tried": [one._asdict() for one in trials],
+    }
+
+
+def _format_sensors(
+    setup: StudySetup, predictions: list[LoopPrediction], trials: list[SensorTrial]
+) -> list[str]:
+    """Return what is predicted and tried by sensors, in text."""
+    lines: list[str] = []
+    if predictions:
+        chosen = suggest_sensors(predictions, setup.loop.tolerance)
+        least = "none of these" if chosen is None else chosen.sensors
+        lines += [PREDICTED.format(_list_predictions(predictions)), LEAST.format(least, setup.loop.sensors)]
+    return [*lines, TRIED.format(_list_trials(trials))] if trials else lines
 
 
 def _list_predictions(predictions: list[LoopPrediction]) -> str:
@@ -453,13 +485,6 @@ def _format_studies(document: Document) -> list[str]:
     millimetres = 1e3 * document["length"] * document["tolerance"]
     head = HEAD.format_map(document | {"binding": binding, "tolerance_mm": millimetres})
     lines = [head, *map(ROW.format_map, document["studies"])]
-    if document["predicted"]:
-        predictions = [LoopPrediction(**one) for one in document["predicted"]]
-        lines.append(PREDICTED.format(_list_predictions(predictions)))
-        chosen = suggest_sensors(predictions, document["tolerance"])
-        lines.append(LEAST.format("none of these" if chosen is None else chosen.sensors, document["sensors"]))
-    if document["tried"]:
-        lines.append(TRIED.format(_list_trials([SensorTrial(**one) for one in document["tried"]])))
     for study in document["studies"]:
         failures = study["failures"]
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]
@@ -563,13 +588,7 @@ def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str
 
 
 def _describe_failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
-    """Return the entry of a run among the failures in robustness.json.
-
-    Args:
-        runs: the outcomes of several runs.
-        number: index of the run among them.
-        seed: seed of the study, and number of the run in the study.
-    """
+    """Return the entry of run `number` among the failures in robustness.json; `seed` is of study and run."""
     return {"seed": seed, "why": runs.why[number], "tracking_error": runs.tracking_error[number]}
 
 

@@ -71,22 +71,18 @@ def run_transmission(options: Namespace) -> Report:
 def _make_document(result: LinkageTransmission) -> Document:
     """Return the transmission as a document: ranges over the poses, by axis of the platform."""
     robot = result.robot
-    torques, speeds = result.axis_limits("wrenches"), result.axis_limits("speeds")
-    axes = {}
+    limits = {"torque": result.axis_limits("wrenches"), "speed": result.axis_limits("speeds")}
+    values = {part: np.einsum("pkk->pk", getattr(result, part)) for part in (*PARTS, "damping")}
+    values |= {part: getattr(result, part) for part in ("friction", "play", "springs")}
+    values |= {"gear": np.linalg.norm(result.gear, axis=1), "backlash_gain": result.backlash}
+    axes: dict[str, Document] = {}
     for k, name in enumerate(robot.axis_names):
-        parts = {part: _range(getattr(result, part)[:, k, k]) for part in PARTS}
-        axes[name] = {
-            **parts,
-            "torque": None if torques is None else [_range(torques[:, end, k]) for end in (0, 1)],
-            "speed": None if speeds is None else [_range(speeds[:, end, k]) for end in (0, 1)],
-            "gear": _range(np.linalg.norm(result.gear[:, :, k], axis=1)),
-            "friction": _range(result.friction[:, k]),
-            "backlash_gain": _range(result.backlash[:, k]),
-            "play": _range(result.play[:, k]),
-            "springs": _range(result.springs[:, k]),
-            "damping": _range(result.damping[:, k, k]),
-            "armature": result.armature[k, k],
+        axes[name] = {part: _range(value[:, k]) for part, value in values.items()}
+        axes[name] |= {
+            kind: None if ends is None else [_range(ends[:, end, k]) for end in (0, 1)]
+            for kind, ends in limits.items()
         }
+        axes[name]["armature"] = result.armature[k, k]
     return {
         "robot": robot.name,
         "poses": len(result.x),
@@ -111,6 +107,9 @@ AXIS = """\
     speed                 largest {speed[1]}
     reflected             dry friction {friction}; backlash of 1 of all motors' joints {backlash_gain}\
 {play}{held}"""
+NO_ROTORS = (
+    "  without rotors        the file states neither rotor inertia of the motors nor armature of their joints"
+)
 PLAY = "\n    play                  {} with motors at rest, by the backlash in the robot file"
 HELD = "\n    springs and dampers   motors hold {springs} at rest [N m, N]; damping {damping} [N m s, N s/m]"
 ROW = (
@@ -131,6 +130,8 @@ def _format(document: Document, posture: str) -> list[str]:
         words["play"] = PLAY.format(words["play"]) if axis["play"][1] else ""
         words["held"] = HELD.format_map(words) if any(axis["springs"] + axis["damping"]) else ""
         lines.append(AXIS.format_map({"name": name, "armature": axis["armature"], **words}))
+    if not np.any(document["armature"]):
+        lines.append(NO_ROTORS)
     lines += [ERROR_HEAD, COLUMNS]
     names = list(document["axes"])
     for error in document["errors"]:

@@ -1,4 +1,3 @@
-from framework.control.by_name import CONTROLLERS, tuned_controller
 from framework.control.closed_loop import Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
 from framework.control.controllers import Controller, Measurement, RobotState
@@ -9,7 +8,15 @@ from framework.control.regulators import Tuning
 from framework.control.robust_plan import RobustPlan, plan_robustly
 from framework.control.run_table import TableController
 from framework.control.sensors import ControlLoop
-from framework.control.study import SensorTrial, Study, StudySetup, load_study, run_study
+from framework.control.study import (
+    CONTROLLERS,
+    SensorTrial,
+    Study,
+    StudySetup,
+    load_study,
+    run_study,
+    tuned_controller,
+)
 from framework.control.table import controller_table
 from framework.control.variations import Spread, Variation, draw
 

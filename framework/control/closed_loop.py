@@ -168,12 +168,8 @@ def _judge(
 ) -> Run:
     """Judge R runs by the tolerances of the control loop; return their outcomes.
 
-    Args:
-        ref: the planned motion at K sampling instants.
-        variations: of the R robots from the model.
-        lost: (R,) instants [s] at which runs diverged, infinite for the others.
-        x: (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods.
-        torque: (periods, R, n_a) [N m] of the motors.
+    `lost` (R,) are the instants [s] at which runs diverged, infinite for the others; x and torque are those
+    of `Run`, with all instants.
     """
     instants = np.minimum(PERIODS_PER_CHECK * np.arange(len(x)), len(ref.times) - 1)  # of the checks
     errors = _deviation(ref, x, ref.x[instants][:, None])  # (checks, R)
@@ -236,11 +232,7 @@ class _VariedRobots(NamedTuple):
     ) -> _VariedRobots:
         """Place the robots at the start of the plan, with its speed, loops closed.
 
-        Args:
-            loop: sensors and known delay.
-            spread: standard deviations of the encoders' noise.
-            variations: the other differences of each robot from the model.
-            read: sensors that are read, in place of those of the loop.
+        The sensors are those that are `read`, else those of the loop.
 
         Raises:
             InvalidInput: the loops of a varied robot do not close.
@@ -284,15 +276,10 @@ class _VariedRobots(NamedTuple):
     def measure(
         self, k: int, q: Array, v: Array, platform: PlatformMotion | None, last: PlatformMotion | None
     ) -> Measurement:
-        """Read the sensors at instant k, with their noise and steps.
+        """Read the sensors at instant k, q (R, nq) and v (R, nv), with their noise and steps.
 
         The noise of the joints becomes noise of the platform by dx/dq, the pseudo-inverse of the planned N =
-        dq/dx.
-
-        Args:
-            q, v: configurations (R, nq) and joint rates (R, nv).
-            platform: the true motion of the platforms; None if no sensor sees them.
-            last: the same at the last instant, from which accelerations follow; None at first.
+        dq/dx. Accelerations follow from the platforms' motions at this instant and the `last` one.
         """
         ref, sensors = self.reference, self.sensors
         robot = ref.robot

@@ -103,13 +103,7 @@ class LinearModels(NamedTuple):
         return LinearModels(reference, spread, tuning, models[:3], models[3:], {}, {})
 
     def predict(self, name: str, controller: Controller, loop: ControlLoop) -> LoopPrediction | None:
-        """Predict the deviations of a controller; None unless linear, with the whole state.
-
-        Args:
-            name: name of the controller.
-            controller: lqg, lqr with the whole state, or feedforward without integral.
-            loop: the loop in which it works.
-        """
+        """Predict the deviations of a controller in a loop, as `predict` does."""
         for tuned, prediction in self.tuned.values():
             if tuned is controller:
                 return prediction
@@ -199,7 +193,7 @@ def predict(name: str, controller: Controller, loop: ControlLoop, spread: Spread
     """Predict the deviations of a controller; None unless linear, with the whole state.
 
     Args:
-        name: name of the controller.
+        name: of the controller.
         controller: lqg, lqr with the whole state, or feedforward without integral.
         loop: the loop in which it works.
         spread: of robots about the model.

@@ -19,15 +19,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.control.by_name import split_label, tuned_controller
 from framework.control.closed_loop import Outcomes, Run, run_closed_loop, torque_limit
-from framework.control.controllers import Controller
+from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
 from framework.control.prediction import LinearModels, LoopPrediction
 from framework.control.reference import Reference, reference_of
-from framework.control.regulators import Tuning
+from framework.control.regulators import Tuning, Weights, tune_lqr
 from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread, draw
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, check_choice
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import (
     Reader,
@@ -36,6 +35,7 @@ from framework.numerics.fields import (
     list_of,
     mapping,
     not_negative,
+    number,
     optional,
     or_null,
     positive,
@@ -164,14 +164,7 @@ def run_chunk(
     chunk: range,
     report_progress: Callable[[float], None] = lambda share: None,
 ) -> Arrays:
-    """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
-
-    Args:
-        controller, loop, spread: those of `run_study`: controller, tolerances, spread of the robots.
-        seed: seed of the study.
-        chunk: numbers of the runs.
-        report_progress: called with the finished share of the motion.
-    """
+    """Do the runs of one chunk, by number; return their outcomes as arrays, by field of `Outcomes`."""
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
     run = run_closed_loop(controller, loop, spread, variations, report_progress)
@@ -179,10 +172,7 @@ def run_chunk(
 
 
 def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
-    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`.
-
-    `motors` is the number of motors, `chunk` has the numbers of the runs.
-    """
+    """Return types and shapes of the outcomes of a chunk of runs, by field of `Outcomes`."""
     runs = (len(chunk),)
     # types by their numpy kinds: f for floats, b for booleans, U for text
     return {
@@ -200,6 +190,69 @@ def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunk
     """
     plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
     return KeptChunks.of(out, {**setup, "plan": plan}, controller)
+
+
+# ------------------------------------------------------------------ controllers by name
+
+
+GAINS = ("bandwidth", "integral", "torque_share")  # fields of Tuning that a label may have
+GAINS_OF = {  # by the controllers that have them
+    "feedforward": GAINS[:2],
+    "lqr": GAINS[2:],
+    "lqg": GAINS[2:],
+    "computed_torque": GAINS[:2],
+    "naive_computed_torque": GAINS[:2],
+}
+CONTROLLERS = tuple(GAINS_OF)
+
+
+def split_label(label: str) -> tuple[str, dict[str, Any]]:
+    """Return name and gains of a label such as `feedforward bandwidth=20`.
+
+    Raises:
+        InvalidInput: unknown name, a gain that this controller does not have, or no number.
+    """
+    name, *changes = label.split() or [""]
+    check_choice("controller", name, CONTROLLERS)
+    gains: dict[str, Any] = {}
+    for change in changes:
+        key, _, value = change.partition("=")
+        check_choice(f"gain of {name}", key, GAINS_OF[name])
+        gains[key] = number(f"{name}: {key}", value)
+    return name, gains
+
+
+def tuned_controller(
+    name: str,
+    reference: Reference,
+    *,
+    loop: ControlLoop | None = None,
+    spread: Spread | None = None,
+    tuning: Tuning | None = None,
+    models: LinearModels | None = None,
+) -> Controller:
+    """Return the controller of a name, tuned for a loop and a spread of robots.
+
+    Args:
+        loop: sensors and known delay; by default encoders on the motors, without delay.
+        spread: of robots about the model, by default none; lqg estimates what differs.
+        tuning: what a designer chooses.
+        models: linear models of these, if there are any.
+
+    Raises:
+        InvalidInput: unknown name, or a robot that the controller cannot drive.
+    """
+    check_choice("controller", name, CONTROLLERS)
+    loop, spread, tuning = loop or ControlLoop(), spread or Spread(), tuning or Tuning()
+    if name == "lqr":
+        return tune_lqr(reference, loop=loop, weights=Weights(torque=tuning.torque_share))
+    if name == "lqg":
+        models = models or LinearModels.of(reference, spread, tuning)
+        return models._replace(tuning=tuning).tune_lqg(loop)[0]
+    gains: dict[str, Any] = {"loop": loop, "bandwidth": tuning.bandwidth, "integral": tuning.integral}
+    if name == "feedforward":
+        return FeedforwardPD.tune(reference, **gains)
+    return ComputedTorque.tune(reference, aware=name == "computed_torque", **gains)
 
 
 # ------------------------------------------------------------------ the set-up of a study, in robustness.json

@@ -73,7 +73,9 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
         forces += robot.joint_damping * inertial.v
     if robot.line_springs.names:
         forces += lines_at(robot, inertial.q).forces(inertial.v)
-    return _subtract_wrenches(forces, motion.wrenches)
+    for wrench in motion.wrenches:
+        forces -= wrench.generalised
+    return forces
 
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
@@ -88,11 +90,6 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
     if robot.joint_stiffness.any() or robot.line_springs.names:
         forces += all_spring_forces(robot, q, robot.joint_stiffness)
-    return _subtract_wrenches(forces, wrenches)
-
-
-def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
-    """Subtract the generalised forces of external wrenches from forces (T, nv), in place."""
     for wrench in wrenches:
         forces -= wrench.generalised
     return forces

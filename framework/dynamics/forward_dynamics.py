@@ -83,11 +83,11 @@ def forward_dynamics(
     count = len(closed.q)
     rates = stack_rows("v", v, robot.nv, count)
     torques = stack_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
-    require_closed_rates(robot, closed.linearised, rates)
+    require_closed_rates(robot, closed, rates)
 
     at_rest = np.zeros((count, robot.nv))
     # the motion without accelerations, under the external wrenches
-    unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
+    unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed)
     unaccelerated = apply_wrenches(robot, unaccelerated, stack_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=at_rest)
     solution = accelerations(_equations_of(robot), closed.q, rates, torques, applied)

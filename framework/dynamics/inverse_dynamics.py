@@ -18,14 +18,13 @@ import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.elasticity import (
-    Checkpoints,
     LawChoice,
     Pass,
     assess_deflections,
     pass_at_rest,
     solve_deflections,
 )
-from framework.dynamics.forces import motor_torque, tree_forces
+from framework.dynamics.forces import motor_torque
 from framework.dynamics.motion_checks import (
     MissingForces,
     check_idle_joints,
@@ -254,7 +253,7 @@ def _resolve_on_grids(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        missing = find_missing_forces(robot, solution, _checkpoints(solution, result))
+        missing = find_missing_forces(robot, solution, result)
         result = measure_residuals(solution, result, missing)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
@@ -434,16 +433,6 @@ class _Refinement:
         return replace(result, crossings=self.crossings)
 
 
-def _checkpoints(solution: Pass, result: InverseDynamics) -> Checkpoints:
-    """Return the motion between the nodes of a grid; with rigid geometry that beside the pass at rest."""
-    if result.geometry == "rigid":
-        assert solution.checkpoints is not None
-        return solution.checkpoints
-    times = check_instants(result.robot, solution.grid)
-    motion = result.motion(times)
-    return Checkpoints(times, motion, tree_forces(result.robot, motion))
-
-
 def _check_result(
     branch: Branch, solution: Pass, result: InverseDynamics, missing: MissingForces, friction: str
 ) -> InverseDynamics:
@@ -499,12 +488,6 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     return True
 
 
-def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
-    """Compute the tail of a function of k components, without components below `rounding` (k,)."""
-    size = np.abs(function.coefficients).max(axis=(0, 1))  # (k,) from (panels, nodes, k)
-    return tail(function.coefficients[..., size > rounding])
-
-
 def _largest_tail(robot: ParallelRobot, solution: Pass, torques: TimeFunction) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections.
 
@@ -515,11 +498,14 @@ def _largest_tail(robot: ParallelRobot, solution: Pass, torques: TimeFunction) -
     # Both factors are a few units of double precision.
     kinetic_energy = robot.mass * (robot.length / solution.law.duration) ** 2
     torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
-    torque_tail = _tail_above_rounding(torques, torque_rounding)
-    if not robot.n_e:
-        return torque_tail
-    deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
-    return max(torque_tail, _tail_above_rounding(solution.grid.fit(solution.caused), deflection_rounding))
+    checked = [(torques, torque_rounding)]
+    if robot.n_e:
+        checked.append((solution.grid.fit(solution.caused), 1e-14 * robot.column_scale[robot.elastic]))
+    tails = []
+    for function, rounding in checked:
+        size = np.abs(function.coefficients).max(axis=(0, 1))  # of each component, from (panels, nodes, k)
+        tails.append(tail(function.coefficients[..., size > rounding]))
+    return max(tails)
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

@@ -33,7 +33,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, coordinate_changes, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
@@ -69,11 +69,6 @@ class LoadedBalance(NamedTuple):
     multipliers: Array  # (T, m) of the loop equations, of unit size
     wrenches: ExternalWrenches
     stiffer: float  # factor of the robot's spring stiffness
-
-    @property
-    def closed(self) -> ClosedStack:
-        """The closed configurations, without rates."""
-        return ClosedStack(self.motion.q, self.prescribed.x, self.motion.linearised)
 
 
 def spring_units(robot: ParallelRobot) -> Array:
@@ -182,19 +177,19 @@ def forces_of_neighbour(robot: ParallelRobot, balance: LoadedBalance, prescribed
         NotAssembled: the loops do not close along the neighbouring motion.
     """
     columns, units = locked_columns(robot)
-    closed = balance.closed
+    closed = balance.motion.linearised
     if not np.array_equal(prescribed.x, closed.x):  # the law is one of time, not of s
         closed = close_loops(robot, prescribed.x, closed.q)
     _, load = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)
     multipliers = balance.multipliers * loop_weights(robot)
-    loop_forces = matvec(closed.linearised.closures.swapaxes(1, 2), multipliers)
+    loop_forces = matvec(closed.closures.swapaxes(1, 2), multipliers)
     return (load - loop_forces)[:, columns] * units
 
 
 def motion_and_load(
     robot: ParallelRobot,
     prescribed: DeflectedMotion,
-    closed: ClosedStack,
+    closed: LinearisedLoops,
     wrenches: ExternalWrenches,
     stiffer: float,
 ) -> tuple[Motion, Array]:
@@ -206,7 +201,7 @@ def motion_and_load(
         stiffer: factor of the robot's spring stiffness.
     """
     motion = motion_at(robot, closed, *prescribed.rates[: 4 if robot.elastic_inertia else 2])
-    motion = motion.with_wrenches(wrenches.evaluate(robot, closed.linearised.frames, prescribed.s))
+    motion = motion.with_wrenches(wrenches.evaluate(robot, closed.frames, prescribed.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * prescribed.l
     return motion, load

@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.elasticity import Checkpoints, Pass, motion_at_rest
-from framework.dynamics.forces import joint_forces, loop_multipliers
+from framework.dynamics.elasticity import Pass, motion_at_rest
+from framework.dynamics.forces import joint_forces, loop_multipliers, tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import FrameworkError, LoadedJoint, NotAssembled, NotConverged, round_up
@@ -202,14 +202,22 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
     return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
-def find_missing_forces(robot: ParallelRobot, solution: Pass, checkpoints: Checkpoints) -> MissingForces:
-    """Compute the forces missing for balance at checkpoints, beside the nodes of a solution.
+def find_missing_forces(robot: ParallelRobot, solution: Pass, result: InverseDynamics) -> MissingForces:
+    """Compute the forces missing for balance between the nodes of a solution.
+
+    With rigid geometry the checkpoints of the pass at rest serve.
 
     Raises:
         NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
     """
     _check_dropped_rows(robot, solution)
-    times, motion, r = checkpoints
+    if result.geometry == "rigid":
+        assert solution.checkpoints is not None
+        times, motion, r = solution.checkpoints
+    else:
+        times = check_instants(robot, solution.grid)
+        motion = result.motion(times)
+        r = tree_forces(robot, motion)
     torques = solution.grid.fit(solution.forces.joint_torque)(times)
     return MissingForces(times, torques, residual_torques(robot, motion.linearised, r, torques))
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.dynamics.forces import damping_forces, inertial_forces, static_forces
 from framework.kinematics.continuation.branch import Branch
-from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.numerics.arrays import Array
 
@@ -32,12 +32,12 @@ class PathForces(NamedTuple):
     motion: Motion  # at s' = 1 and s" = 0
 
     @staticmethod
-    def compute(branch: Branch, s: Array, closed: ClosedStack) -> PathForces:
+    def compute(branch: Branch, s: Array, closed: LinearisedLoops) -> PathForces:
         """Compute the forces at the closed poses `closed` of a branch at s (T,)."""
         robot, path = branch.robot, branch.path
         motion = motion_at(robot, closed, path(s, 1), path(s, 2))
         rates, rest = motion.v, np.zeros(motion.v.shape)
-        wrenches = branch.wrenches.evaluate(robot, closed.linearised.frames, s)
+        wrenches = branch.wrenches.evaluate(robot, closed.frames, s)
         return PathForces(
             static=static_forces(robot, closed.q, wrenches),
             centrifugal=inertial_forces(robot, motion),

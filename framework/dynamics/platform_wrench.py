@@ -125,7 +125,7 @@ def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
     Raises:
         InvalidInput: q is not assembled.
     """
-    stack, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
+    stack, _rates = motor_speeds(robot, assembled_at(robot, q))
     G = stack[0]
     if robot.n_a != robot.n or np.linalg.matrix_rank(G) < robot.n:
         return Hold(G, torque=None)
@@ -162,7 +162,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
 def measure_at_rest(searched: SearchedPath, s: Array) -> Array:
     """Compute g (T,) at ascending path coordinates s (T,), with springs at rest."""
     branch = searched.branch
-    return singularity_measure(branch.robot, branch.close(s).linearised).g
+    return singularity_measure(branch.robot, branch.close(s)).g
 
 
 class ActionLines(NamedTuple):
@@ -255,7 +255,7 @@ def platform_limits(
     closed = assembled_at(robot, q)
     torque = motor_limits(robot, "torque_limit", torque_limit)
     speed = motor_limits(robot, "speed_limit", speed_limit)
-    G, rates = motor_speeds(robot, closed.linearised)
+    G, rates = motor_speeds(robot, closed)
     at_rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, at_rest, at_rest)
     weight = (tree_forces(robot, motion) @ rates[0])[0]  # (n,) W_g = (dq/dv)' r

@@ -57,7 +57,7 @@ from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import (
-    ClosedStack,
+    LinearisedLoops,
     assembled_at,
     find_near_type2,
     type2_matrix,
@@ -118,7 +118,7 @@ def dynamics_at(
             )
         limit = _forces_through_singularity(
             robot,
-            ClosedStack(motion.q[[k]], prescribed.x[[k]], motion.linearised.select(k)),
+            motion.linearised.select(k),
             prescribed.rates[:, k],
             {frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
@@ -133,7 +133,7 @@ def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
     Raises:
         InvalidInput, NotAssembled, SingularPose: as `dynamics_at` for q (nq,).
     """
-    G, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
+    G, _rates = motor_speeds(robot, assembled_at(robot, q))
     twists = np.linalg.pinv(G[0])  # (n, n_a) of the platform, for unit motor speeds
     return np.diag(twists.T @ dynamics_at(robot, q).platform_inertia @ twists)
 
@@ -194,7 +194,7 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def _forces_through_singularity(
-    robot: ParallelRobot, closed: ClosedStack, rates: Array, wrenches: Wrenches
+    robot: ParallelRobot, closed: LinearisedLoops, rates: Array, wrenches: Wrenches
 ) -> Forces:
     """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
@@ -212,7 +212,7 @@ def _forces_through_singularity(
     dx, ddx, _ = rates
     singular = motion_at(robot, closed, dx[None], ddx[None])
     motion = _TaylorMotion(robot, closed.x, singular, rates, wrenches)
-    uncontrolled = uncontrolled_motion(robot, closed.linearised)
+    uncontrolled = uncontrolled_motion(robot, closed)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
@@ -445,7 +445,7 @@ def dynamics_derivatives(
         inverse = np.asarray(np.linalg.pinv(speeds.swapaxes(1, 2)), dtype=float)
         k = matvec(inverse, joint_torque / robot.gear_ratio)
         at_rest = np.zeros_like(k)
-        at_k = motion_at(robot, ClosedStack(motion.q, prescribed.x, motion.linearised), k, at_rest)
+        at_k = motion_at(robot, motion.linearised, k, at_rest)
         at_k_changes = coordinate_changes(robot, at_k, robot.structure.idle, (prescribed.x, k, at_rest))
         speed_changes = robot.gear_ratio * at_k_changes.v[:, : robot.n, robot.actuated]
         slopes[0, ..., : robot.n] += speed_changes.swapaxes(1, 2)

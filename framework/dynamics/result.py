@@ -163,7 +163,7 @@ class InverseDynamics(ReadOnlyArrays):
         closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, order=1), self.deflection(times, order=2)
         motion = motion_at(self.robot, closed, dx, ddx, *rates)
-        frames = closed.linearised.frames
+        frames = closed.frames
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, frames, s_and_rates[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:

@@ -19,7 +19,7 @@ from framework.dynamics.path_forces import PathForces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, uncontrolled_error
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at, passive_motion, type2_matrix
+from framework.kinematics.linearised_loops import linearised_at, passive_motion, type2_matrix
 from framework.kinematics.modes import passive_determinants
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -329,9 +329,8 @@ def _compare_accelerations(branch: Branch, crossing: SingularityCrossing) -> str
 
     t_s . W_p = alpha s" + .. is affine in s", where alpha is the power of the inertial forces at s" = 1.
     """
-    s = np.array([crossing.s])
-    closed = ClosedStack(crossing.pose.frames.q, branch.path(s), crossing.pose)
-    powers = crossing.motion * PathForces.compute(branch, s, closed).inertial[0]  # (nv,)
+    forces = PathForces.compute(branch, np.array([crossing.s]), crossing.pose)
+    powers = crossing.motion * forces.inertial[0]  # (nv,)
     alpha = powers.sum()
     rounding = CONDITION_ROUNDING * max(abs(crossing.acceleration), crossing.speed**2)  # of s" [1/s^2]
     acceleration = crossing.acceleration if abs(crossing.acceleration) > rounding else 0.0

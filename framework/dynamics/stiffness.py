@@ -269,10 +269,10 @@ def platform_stiffness(
     if loaded:
         deflected, load = _find_equilibrium(robot, closed.q[0], wrench)
         closed = assembled_at(robot, deflected)
-    free = compliant_motions(robot, closed.linearised, closed.q)  # T = 1
+    free = compliant_motions(robot, closed, closed.q)  # T = 1
     H = free.K[0]
     if loaded:
-        H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
+        H = tangent_stiffness(robot, closed, closed.q, free.Z, load)[0]
 
     # modes in the motions Z, then as rates of all joints
     squares, shapes = _vibrations(H, free.M[0])

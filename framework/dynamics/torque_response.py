@@ -134,13 +134,14 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tup
     """
     robot = equations.branch.robot
     balance = state.balance
+    closed = balance.motion.linearised
     loads = []
     motions = []
     for z_and_u in ((0.0, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 1.0)):
         prescribed = equations.prescribe_at(state, *z_and_u)
-        _, load_at = motion_and_load(robot, prescribed, balance.closed, balance.wrenches, balance.stiffer)
+        _, load_at = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)
         loads.append(load_at)
-        motions.append(motion_at(robot, balance.closed, *prescribed.rates))  # with the rates of springs
+        motions.append(motion_at(robot, closed, *prescribed.rates))  # with the rates of springs
     load = _split_terms(loads)  # (T, nv, 4)
     acceleration = _split_terms([motion.a[:, robot.actuated] for motion in motions])
     speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1, where d sigma/dt = 1
@@ -174,7 +175,7 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> l
             unit size (`loop_weights`), and its springs are `stiffer` than the robot's by this factor.
     """
     # with the rates of the springs, which the motion of the balance lacks if these carry no inertia
-    motion = motion_at(robot, balance.closed, *balance.prescribed.rates)
+    motion = motion_at(robot, balance.motion.linearised, *balance.prescribed.rates)
     changes = coordinate_changes(robot, motion, robot.elastic)
     load_changes = changes  # of the motion that causes the load
     if not robot.elastic_inertia:  # rates of deflections cause no forces, but they move the rotors

@@ -73,8 +73,8 @@ def platform_vibrations(
             a motor moves neither mass nor a spring.
     """
     expect_robot(robot)
-    closed = assembled_at(robot, q, stacks=True)
-    q, linearised = closed.q, closed.linearised
+    linearised = assembled_at(robot, q, stacks=True)
+    q = linearised.q
     locked = compliant_motions(robot, linearised, q)
     columns = np.concatenate([robot.actuated, robot.unlocked])
     free = compliant_motions(robot, linearised, q, columns=columns)
@@ -102,14 +102,10 @@ def platform_vibrations(
 def _frequency_response(
     robot: ParallelRobot, free: CompliantMotions, damping: Array, frequency: Array, loss: float
 ) -> Array:
-    """Compute the platform's motion (T, F, n, n_a) by unit motor torques.
+    """Compute the platform's motion (T, F, n, n_a) [m, rad per N m] by unit motor torques.
 
-    The motion is in m and rad per N m.
-
-    Args:
-        free: motions with free motors, whose joints are the first rows of Z.
-        damping: along these motions, (T, d, d).
-        frequency: (F,) [Hz].
+    The motors' joints are the first rows of Z of the motions with `free` motors, damping (T, d, d) is along
+    these, frequency (F,) in Hz.
     """
     drive = free.Z[:, : robot.n_a].swapaxes(1, 2) * robot.gear_ratio  # n tau on the joint side, (T, d, n_a)
     w = 2 * np.pi * frequency[:, None, None]

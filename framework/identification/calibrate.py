@@ -196,7 +196,7 @@ def calibrate(
     for name, value in {**noises, "length_error": length_error, "angle_error": angle_error}.items():
         positive(name, value)
     geometry = parametrise_geometry(robot, joints)
-    data = load_recording(robot, data, conversions)
+    data = load_recording(robot, data, conversions).complete()
     measured = select_measurements(geometry, data, noises)
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
@@ -528,12 +528,15 @@ def fit_geometry(
     max_steps = 200  # a ball bar beside a plane of poses leads through a curved valley in 130
     max_damping = 1e9  # relative to the prior
     converged = 1e-6  # largest change of a parameter in the last step, over its prior deviation
+    width = 3.0  # deviations at whose probability Student's quantile widens
+    from scipy.special import ndtr, stdtrit  # slow to import
+
     model = geometry.model
     values = np.zeros_like(prior)
     damping = 1e-3
     equations = eliminate_poses(geometry, measured, q, values)
     state = _weigh(equations, values, prior, np.ones(len(q)))
-    cost = _cost(equations, values, prior, state)
+    cost = state.cost(equations, values, prior)
     steps = 0
     while steps < max_steps and damping <= max_damping:
         steps += 1
@@ -547,22 +550,33 @@ def fit_geometry(
 
         # the cost must not rise by more than rounding, nor become NaN
         allowed = cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING
-        if not _cost(following, values + change, prior, state) <= allowed:
+        if not state.cost(following, values + change, prior) <= allowed:
             damping *= 10.0
             continue
 
         q, values, equations = next_q, values + change, following
         damping = max(0.1 * damping, 1e-12)  # never 0, from which it could not rise again
         state = _weigh(equations, values, prior, state.weights)
-        cost = _cost(equations, values, prior, state)  # of the new weights, to compare the next step with
+        cost = state.cost(equations, values, prior)  # of the new weights, to compare the next step with
         if np.abs(change / prior).max() < converged:
-            return _with_deviations(equations, values, prior, state, steps)
-    raise NotConverged(
-        f"calibration does not converge after {steps} steps; the file is too far off for these data, they "
-        f"are of another robot, or they pass a Type 2 singularity, behind which motors do not tell the pose",
-        name=model.name,
-        residual=cost,
-    )
+            break
+    else:
+        raise NotConverged(
+            f"calibration does not converge after {steps} steps; the file is too far off for these data, "
+            f"they are of another robot, or they pass a Type 2 singularity, behind which motors do not tell "
+            f"the pose",
+            name=model.name,
+            residual=cost,
+        )
+
+    # the noise from all residuals, and deviations widened to the probability of three normal ones
+    count = len(q) * equations.per_instant
+    squares = np.sum((state.weights[:, None] * equations.residual) ** 2)
+    noise, freedom = _estimate_noise(state.s, count, float(np.sqrt(squares / count)))
+    root = state.root / np.sqrt(1.0 + (state.s / noise) ** 2)
+    widening = stdtrit(freedom, ndtr(width)) / width if freedom >= 1.0 else 1.0
+    deviations = widening * np.linalg.norm(root, axis=1)
+    return GeometryFit(values, root, deviations, state.weights, noise, freedom, steps)
 
 
 class _Weighted(NamedTuple):
@@ -578,71 +592,46 @@ class _Weighted(NamedTuple):
     gradient: Array  # (p,)
     weights: Array  # (T,) square roots of Huber's weights
     noise: float  # over the assumed noise
-    freedom: float  # number of equations minus number of parameters that they determine
 
     def step(self, damping: float) -> Array:
         """Compute the damped Gauss-Newton step (p,) of the parameters."""
         s, right = self.s / self.noise, self.right / self.noise
         return -self.root @ ((s * right + self.gradient) / (s**2 + 1.0 + damping))
 
-
-def _linearise(equations: ParameterEquations, values: Array, prior: Array, weights: Array) -> _Weighted:
-    """Reduce the equations of T instants with weights (T,) to p equations, for the assumed noise."""
-    p = len(prior)
-    loops = np.concatenate(equations.loop_slopes)
-    prior_root = prior[:, None] * posterior_root(loops * prior)
-    rows = np.concatenate(weights[:, None, None] * equations.matrix) @ prior_root
-    residual = (weights[:, None] * equations.residual).ravel()
-    augmented = np.concatenate([np.column_stack([rows, residual]), np.zeros((p + 1, p + 1))])
-    R = np.asarray(np.linalg.qr(augmented, mode="r"))
-    U, s, V_rows = np.linalg.svd(R[:p, :p])
-    root = prior_root @ V_rows.T
-    gradient = root.T @ (values / prior**2) + (loops @ root).T @ equations.loop_residual.ravel()
-    return _Weighted(root, s, U.T @ R[:p, p], gradient, weights, 1.0, 0.0)
+    def cost(self, equations: ParameterEquations, values: Array, prior: Array) -> float:
+        """Compute the cost of `fit_geometry` with these weights and this noise."""
+        scale = self.weights[:, None] / self.noise
+        parts = (scale * equations.residual, equations.loop_residual, values / prior)
+        return float(sum(np.sum(part**2) for part in parts))
 
 
 def _weigh(equations: ParameterEquations, values: Array, prior: Array, weights: Array) -> _Weighted:
-    """Linearise with the noise and the weights that the residuals give, from earlier weights (T,).
+    """Reduce the equations to p, with the noise and the weights that residuals give, from earlier ones (T,).
 
     The noise is estimated from the median residual. An instant with a residual r above the noise times
     h = `huber_ratio` has Huber's weight h noise / r, so that its cost grows linearly (Huber, Annals of
     Mathematical Statistics 35, 1964).
     """
     huber_ratio = 2.0
-    linearised = _linearise(equations, values, prior, weights)
+    p = len(prior)
+    loops = np.concatenate(equations.loop_slopes)
+    prior_root = prior[:, None] * posterior_root(loops * prior)
     residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / equations.per_instant)  # (T,)
-    noise, freedom = _estimate_noise(linearised.s, len(weights) * equations.per_instant, np.median(residuals))
-    weights = np.sqrt(np.minimum(1.0, huber_ratio * noise / np.maximum(residuals, RANK_ROUNDING)))
-    return _linearise(equations, values, prior, weights)._replace(noise=noise, freedom=freedom)
-
-
-def _cost(equations: ParameterEquations, values: Array, prior: Array, state: _Weighted) -> float:
-    """Compute the cost of `fit_geometry` with the weights and the noise of a state."""
-    parts = (
-        state.weights[:, None] / state.noise * equations.residual,
-        equations.loop_residual,
-        values / prior,
-    )
-    return float(sum(np.sum(part**2) for part in parts))
-
-
-def _with_deviations(
-    equations: ParameterEquations, values: Array, prior: Array, state: _Weighted, steps: int
-) -> GeometryFit:
-    """Estimate the noise from all residuals, and the deviations of the parameters.
-
-    Student's quantile widens them at the probability of three normal deviations.
-    """
-    width = 3.0
-    from scipy.special import ndtr, stdtrit  # slow to import
-
-    count = len(state.weights) * equations.per_instant
-    squares = np.sum((state.weights[:, None] * equations.residual) ** 2)
-    noise, freedom = _estimate_noise(state.s, count, np.sqrt(squares / count))
-    root = state.root / np.sqrt(1.0 + (state.s / noise) ** 2)
-    widening = stdtrit(freedom, ndtr(width)) / width if freedom >= 1.0 else 1.0
-    deviations = widening * np.linalg.norm(root, axis=1)
-    return GeometryFit(values, root, deviations, state.weights, noise, freedom, steps)
+    noise = 0.0
+    for estimated in (False, True):  # the noise, then the weights that it gives
+        rows = np.concatenate(weights[:, None, None] * equations.matrix) @ prior_root
+        right = (weights[:, None] * equations.residual).ravel()
+        augmented = np.concatenate([np.column_stack([rows, right]), np.zeros((p + 1, p + 1))])
+        R = np.asarray(np.linalg.qr(augmented, mode="r"))
+        U, s, V_rows = np.linalg.svd(R[:p, :p])
+        if not estimated:
+            count = len(weights) * equations.per_instant
+            noise, _ = _estimate_noise(s, count, float(np.median(residuals)))
+            ratios = huber_ratio * noise / np.maximum(residuals, RANK_ROUNDING)
+            weights = np.sqrt(np.minimum(1.0, ratios))
+    root = prior_root @ V_rows.T
+    gradient = root.T @ (values / prior**2) + (loops @ root).T @ equations.loop_residual.ravel()
+    return _Weighted(root, s, U.T @ R[:p, p], gradient, weights, noise)
 
 
 def _estimate_noise(s: Array, count: int, residual: float) -> tuple[float, float]:

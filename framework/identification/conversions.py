@@ -18,6 +18,7 @@ import numpy as np
 from framework.errors import InvalidInput, NoAnswer, check_choice
 from framework.identification.recording import LINEAR_AXES, Recording, check_recording, read_recording
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 from framework.tolerances import CLEAR_MISFIT, FAULT_RATIO
 
 _SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -43,7 +44,7 @@ class Conversions:
     Columns are named by kind (`motor_angle`, for all of them) or in full.
     """
 
-    units: Mapping[str, str] = field(default_factory=dict)  # such as {"motor_angle": "deg"}
+    units: Mapping[str, str] = field(default_factory=dict)  # {"motor_angle": "deg"}, or SI units as "0.02"
     signs: Mapping[str, float] = field(default_factory=dict)  # such as {"torque_left": -1}
     swaps: Mapping[str, str] = field(default_factory=dict)  # columns that are exchanged for one another
     zeros: Mapping[str, float] = field(default_factory=dict)  # readings of columns whose value is zero
@@ -65,7 +66,15 @@ class Conversions:
         values = data.values.copy()
         for column, unit in self.units.items():
             tables = {k: _units_of(names[k]) for k in _columns_of(names, column, "--unit")}
-            check_choice(f"unit of {column}", unit, {name for table in tables.values() for name in table})
+            known = {name for table in tables.values() for name in table}
+            try:
+                size = float(unit)  # such as that of an encoder's count
+            except ValueError:
+                check_choice(f"unit of {column}", unit, known)
+            else:
+                if not np.isfinite(size) or not size:
+                    raise InvalidInput(f"unit of {column}: needs a name or a number but 0, got {unit!r}")
+                tables = {k: {unit: size} for k in tables}
             values *= [tables[k].get(unit, 1.0) if k in tables else 1.0 for k in range(len(names))]
         for column, sign in self.signs.items():
             if abs(sign) != 1.0:
@@ -76,7 +85,9 @@ class Conversions:
             angles = [k for k in chosen if "rad" in _units_of(names[k])]
             if not angles:
                 raise InvalidInput(f"--unwrap {column}: has no angles")
-            values[:, angles] = np.unwrap(values[:, angles], axis=0)
+            times = data.column("time") if "time" in data.names else np.arange(float(len(data)))
+            for k in angles:
+                values[:, k] = _count_turns(data, times, values[:, k], names[k])
         for column, zero in self.zeros.items():
             values[:, _columns_of(names, column, "--zero")] -= zero
         return replace(data, names=tuple(names), values=values)
@@ -96,6 +107,48 @@ class Conversions:
             pairs_in_words = [shlex.quote(f"{column}={value}") for column, value in values.items()]
             words += [option, *pairs_in_words] if pairs else []
         return " ".join([*words, *(["--unwrap", *self.unwrapped] if self.unwrapped else [])])
+
+
+def _count_turns(data: Recording, times: Array, angles: Array, name: str) -> Array:
+    """Return angles (T,) [rad] with the turns counted at which they begin anew.
+
+    Between samples of the usual distance a motor turns by less than half a turn. Over a gap in time it turns
+    by a mean speed between those before and behind the gap.
+
+    Raises:
+        InvalidInput: steps change by half a turn from one to the next, so that the motor may turn faster; or
+            these speeds differ by a turn over a gap.
+    """
+    longest = 1.5  # step of time, over the median step; longer ones are gaps
+    speed_steps = 8  # samples from which a speed is taken
+    known = np.flatnonzero(~np.isnan(angles))
+    if len(known) < 2:
+        return angles
+    t, steps = times[known], np.diff(times[known])
+    counted = np.unwrap(angles[known])
+    is_gap = steps > longest * np.median(steps)
+    gaps = np.flatnonzero(is_gap)  # behind these samples
+    jumps = np.abs(np.diff(np.where(is_gap, np.nan, np.diff(counted)))) > np.pi
+    if jumps.any():
+        raise InvalidInput(
+            f"{data.source}: {name} makes half a turn or more from one sample to the next near "
+            f"{data.row(int(known[1 + np.argmax(jumps)]))}; record at a higher rate"
+        )
+    ends = np.array([-1, *gaps, len(t) - 1])
+    for k, first, last in zip(gaps, ends[:-2] + 1, ends[2:], strict=True):
+        i, j = max(first, k - speed_steps), min(last, k + 1 + speed_steps)
+        rises, durations = counted[[k, j]] - counted[[i, k + 1]], t[[k, j]] - t[[i, k + 1]]
+        speeds = rises[durations > 0] / durations[durations > 0]  # of those that are known
+        turns = np.round((counted[k] + speeds * steps[k] - counted[k + 1]) / (2.0 * np.pi))
+        if not len(turns) or np.ptp(turns):
+            raise InvalidInput(
+                f"{data.source}: {name} may make more or fewer turns between {data.row(int(known[k]))} "
+                f"and {data.row(int(known[k + 1]))}; record without this gap"
+            )
+        counted[k + 1 :] += 2.0 * np.pi * turns[0]
+    result = angles.copy()
+    result[known] = counted
+    return result
 
 
 def load_recording(
@@ -168,14 +221,35 @@ def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
             yield Conversions(swaps=dict(zip(both[one], both[other], strict=True)))
 
 
+def _trial_of_zero(
+    data: Recording, column: str, measure: Callable[[Recording], float]
+) -> tuple[float, Conversions]:
+    """Search the zero of a column with the least misfit, within what the column travels; return both."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    def misfit(zero: float) -> float:
+        """Compute the misfit with this zero."""
+        return measure(Conversions(zeros={column: zero}).convert(data))
+
+    sizes = np.ptp(data.column(column)) * 0.5 ** np.arange(6)
+    grid = np.array([*-sizes, 0.0, *sizes[::-1]])
+    best = int(np.clip(np.argmin([misfit(zero) for zero in grid]), 1, len(grid) - 2))
+    found = minimize_scalar(misfit, bounds=grid[[best - 1, best + 1]], options={"maxiter": 20})
+    return float(found.fun), Conversions(zeros={column: float(f"{found.x:.6g}")})
+
+
 def refuse_mistaken_columns(
-    data: Recording, kinds: Sequence[str], misfit: Callable[[Recording], float]
+    data: Recording,
+    kinds: Sequence[str],
+    misfit: Callable[[Recording], float],
+    further: Sequence[Conversions] = (),
 ) -> None:
     """Raise InvalidInput if one change of a column reduces the squared misfit by FAULT_RATIO.
 
     Args:
         kinds: the kinds of columns that may be wrong.
         misfit: squared misfit of a recording to the model; raises NoAnswer or InvalidInput without one.
+        further: conversions that people forget with this robot.
     """
 
     def measure(recording: Recording) -> float:
@@ -188,8 +262,12 @@ def refuse_mistaken_columns(
     own = measure(data)
     if own <= CLEAR_MISFIT:
         return
-    trials = [(measure(change.convert(data)), change) for change in suspects(data, kinds)]
+    trials = [(measure(change.convert(data)), change) for change in [*suspects(data, kinds), *further]]
     least, change = min(trials, key=lambda trial: trial[0], default=(np.inf, Conversions()))
+    if least * FAULT_RATIO > min(own, 1.0) and "torque" in kinds:
+        motors = [name for name in data.names if _kind_of(name) == "motor_angle"]
+        trials = [_trial_of_zero(data, motor, measure) for motor in motors]
+        least, change = min(trials, key=lambda trial: trial[0])
     if least * FAULT_RATIO > min(own, 1.0):
         return
     alike = [str(other) for value, other in trials if value <= 2.0 * least and other is not change]

@@ -23,7 +23,7 @@ import numpy as np
 from framework.dynamics.motor_limits import Limit, motor_limits
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
-from framework.errors import InvalidInput, NoAnswer
+from framework.errors import InvalidInput, NoAnswer, whole_number
 from framework.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -41,7 +41,6 @@ from framework.kinematics.continuation.forward_kinematics import forward_kinemat
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import (
-    ClosedStack,
     LinearisedLoops,
     clearance,
     linearised_at_reference,
@@ -52,7 +51,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ReadOnlyArrays, join
-from framework.numerics.fields import positive
+from framework.numerics.fields import MAX_ROWS, positive
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain
 from framework.simulation import Simulation, simulate
@@ -191,10 +190,8 @@ def excite(
     check_duration(duration)
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)
-    counts: dict[str, object] = {"trials": trials, "seed": seed}
-    for name, value in counts.items():
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise InvalidInput(f"{name}: needs a whole number of at least 0, got {value!r}")
+    trials = whole_number("trials", trials, 0, MAX_ROWS)
+    seed = whole_number("seed", seed, 0, MAX_ROWS)
     sensors = sensors or Sensors(rate=500.0)
     samples = duration * sensors.rate
     if not MIN_SAMPLES <= samples <= MAX_SAMPLES:
@@ -299,7 +296,7 @@ class _Design:
         is_near = share * _distances(robot, closed.linearised).min(axis=0) < self.clearance  # (2,)
         if is_near.any():
             return f"it comes near a Type {1 + int(is_near.argmax())} singularity"
-        motion = motion_at(robot, ClosedStack(closed.q, x, closed.linearised), dx, ddx)
+        motion = motion_at(robot, closed.linearised, dx, ddx)
         speed = robot.gear_ratio * motion.v[:, robot.actuated]
         if (np.abs(speed) > share * self.speed_limit).any():
             return "a motor exceeds its speed limit"

@@ -494,6 +494,8 @@ def _refuse_mistaken_columns(
     min_moving = 0.2  # share of the equations at instants whose motors move
     from scipy.optimize import lsq_linear  # slow to import
 
+    data = data.complete("platform_")
+
     # the file's bodies times a factor, and rotors, damping and friction, within what this robot can have
     bodies = base.described.values.copy()
     bodies[-3 * robot.n_a :] = 0.0
@@ -535,4 +537,10 @@ def _refuse_mistaken_columns(
         right = ((rows.torque - rows.constant) / sizes)[rows.valid]
         return float(2.0 * lsq_linear(matrix, right, bounds=(lowest, highest)).cost / (right @ right))
 
-    refuse_mistaken_columns(data, ("time", *list(kinds)[: len(signals)], "torque"), misfit)
+    # positions, and torques too, of the joints behind the gears
+    gears = dict(zip(robot.actuator_names, robot.gear_ratio.tolist(), strict=True))
+    angles = {f"motor_angle_{joint}": f"{gear:.9g}" for joint, gear in gears.items()}
+    torques = {f"torque_{joint}": f"{1.0 / gear:.9g}" for joint, gear in gears.items()}
+    has_gears = bool((robot.gear_ratio != 1.0).any())
+    further = [Conversions(units=units) for units in (angles, angles | torques)] * has_gears
+    refuse_mistaken_columns(data, ("time", *list(kinds)[: len(signals)], "torque"), misfit, further)

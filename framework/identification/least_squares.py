@@ -11,8 +11,9 @@ Errors of the motion are unknowns too. The coefficients of its splines have erro
 that the angles give. They reach all torques of several knots, by the torques' derivatives with respect to
 accelerations (those of rates and positions are smaller, by the time between knots). The equations are
 evaluated at the corrected motion, and z is eliminated (Gauss-Newton steps of a nonlinear model with errors in
-variables; Fuller, "Measurement Error Models", 1987, section 3.2). The mean of z would take noise of the
-motors too, so that their noise is what z leaves that is drawn from its distribution.
+variables; Fuller, "Measurement Error Models", 1987, section 3.2). The covariance comes from all second
+derivatives at the solution. The mean of z would take noise of the motors too, so that their noise is what z
+leaves that is drawn from its distribution.
 
 Errors of the torque sensors that are constant through a recording are unknowns with normal priors: a share of
 each torque (`scale`), an offset, and a delay of all torques. QR of the equations with the columns of these
@@ -137,6 +138,19 @@ def estimate(
         is_same = np.abs(size - size_before) <= same_noise * size_before
         if is_same.all() and np.linalg.norm(np.linalg.solve(spread, step)) < converged:
             break
+
+    # The second derivatives by unknowns and z, which these steps leave out, lower the information: where
+    # accelerations are little above their noise, the corrected motion shows some of the noise as motion.
+    by_torque = (whitening.T @ (whitening @ (residual.ravel() - slopes @ corrections))).reshape(T, n_a)
+    mixed = motion.mixed(response[..., 1:], by_torque)  # (z, k)
+    by_sensors = np.linalg.solve(R[:s, :s], R[:s, s:-1])  # (s, k)
+    by_unknowns = reduced.corrections[:, s:-1] - reduced.corrections[:, :s] @ by_sensors  # (z, k)
+    cross = by_unknowns.T @ mixed
+    change = cross + cross.T - mixed.T @ reduced.solve(mixed)  # (k, k) of the information
+    ratios, Q = np.linalg.eigh(np.eye(k) + spread.T @ change @ spread)
+    spread = spread @ Q
+    # of those directions none has more than the deviation 1 of the prior
+    spread = spread / np.sqrt(np.maximum(ratios, np.sum(spread**2, axis=0)))
     return Estimate(
         values=values,
         spread=spread,
@@ -153,12 +167,13 @@ class _Reduced(NamedTuple):
     rows: Array  # (N + T k, c)
     corrections: Array  # (m k, c) the z of the least, for each column
     draw: Array  # (m k,) another z minus that of the least, drawn from its distribution
+    solve: Any  # multiplies columns (m k, c) by the covariance of z
 
 
 class _MotionErrors(NamedTuple):
     """Errors z (m k,) of splines, coefficient by coefficient, each of all k signals."""
 
-    angles: Any  # (T k, m k) sparse, signals over their noise by z
+    angles: Any  # (samples k, m k) sparse, signals over their noise by z
     accelerations: Any  # (T k, m k) sparse, by z
 
     @staticmethod
@@ -182,6 +197,11 @@ class _MotionErrors(NamedTuple):
         T, _, k = slopes.shape
         return banded_rows(slopes, np.arange(T * k).reshape(T, k), T * k) @ self.accelerations
 
+    def mixed(self, response: Array, torque: Array) -> Array:
+        """Compute second derivatives (m k, u) of torque . equations by z and u unknowns."""
+        slopes = np.einsum("ta,tasu->tsu", torque, response)  # (T, k, u) by accelerations
+        return np.asarray(self.accelerations.T @ slopes.reshape(-1, response.shape[-1]))
+
     def eliminate(self, torques: Any, columns: Array) -> _Reduced:
         """Eliminate z from the equations columns x = torques z and 0 = angles z with unit white noise.
 
@@ -196,7 +216,7 @@ class _MotionErrors(NamedTuple):
         factor = splu((torques.T @ torques + self.angles.T @ self.angles).tocsc())
         z = factor.solve(torques.T @ columns)  # (m k, c)
         draw = factor.solve(torques.T @ e + self.angles.T @ e_angles)
-        return _Reduced(np.concatenate([columns - torques @ z, self.angles @ z]), z, draw)
+        return _Reduced(np.concatenate([columns - torques @ z, self.angles @ z]), z, draw, factor.solve)
 
 
 def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, float]) -> tuple[Array, Array]:

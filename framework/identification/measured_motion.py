@@ -38,7 +38,7 @@ from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.inverse_kinematics import close_loops, require_square
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, clearance, linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
@@ -73,8 +73,8 @@ class SplineErrors(NamedTuple):
     with errors z * noise, where z (m, k) has the information values' values.
     """
 
-    values: Any  # (T, m) sparse, of the signals by the coefficients
-    accelerations: Any  # (T, m) sparse, of their second derivatives
+    values: Any  # (T, m) sparse, of the samples by the coefficients
+    accelerations: Any  # (S, m) sparse, of the second derivatives at the S instants of the motion
     noise: Array  # (k,) deviation of a sample
 
 
@@ -113,8 +113,8 @@ def measured_motion(
         progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: columns are missing, the cutoff out of range, or a torque always zero; or the platform
-            contradicts the motors.
+        InvalidInput: columns are missing, or the cutoff is out of range; or the platform contradicts the
+            motors.
         NotAssembled: the loops do not close at some pose.
         Type2Singularity: the motors pass a Type 2 singularity.
     """
@@ -124,8 +124,9 @@ def measured_motion(
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     if not trial:
         robot = begin_at_first_row(robot, data, start or {})
-    torque = _read_torques(robot, data)[::stride]
-    joints = smooth(times, _read_motor_joints(robot, data), cutoff, stride)
+    shown = times[::stride]  # (S,)
+    torque = data.columns("torque", robot.actuator_names)[::stride]
+    joints = smooth(times, _read_motor_joints(robot, data), cutoff, shown)
 
     # close the loops, from the motors if possible, else from the platform
     source = "motors"
@@ -143,14 +144,25 @@ def measured_motion(
     if motion is not None and poses is None and has_platform:
         x = data.columns("platform", robot.axis_names)[::stride]
         offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (T, n)
-        if np.abs(offset).max() > MAX_MOTOR_MISFIT:
+        if np.abs(offset[~np.isnan(x).any(axis=1)]).max(initial=0.0) > MAX_MOTOR_MISFIT:
             if trial:
                 raise InvalidInput(f"{data.source}: the platform contradicts the motors")
             motion = None
             leads_elsewhere = True
     if motion is None:
         source = "platform"
-        smoothed = smooth(times, data.columns("platform", robot.axis_names), cutoff, stride)
+        known = data.complete("platform_")
+        if len(known) < MIN_SAMPLES:
+            raise InvalidInput(
+                f"{data.source}: {len(known)} samples of the platform; at least {MIN_SAMPLES} are needed"
+            )
+        # a tracker may be slower than the motors, and begin behind them
+        seen = known.column("time")
+        within = np.flatnonzero((shown >= seen[0]) & (shown <= seen[-1]))
+        data = data.rows(slice(None, None, stride)).rows(within)
+        shown, torque = shown[within], torque[within]
+        joints = joints._replace(values=joints.values[:, within], rate_error=joints.rate_error[within])
+        smoothed = smooth(seen, known.columns("platform", robot.axis_names), cutoff, shown)
         first = (smoothed.values[0, 0] - robot.reference.x) / robot.platform_scale
         if trial and np.abs(first).max() > 1.0:  # a robot length or a radian away
             raise InvalidInput(f"{data.source}: the platform begins far from the reference")
@@ -159,7 +171,7 @@ def measured_motion(
     return MeasuredMotion(
         source=source,
         cutoff=joints.cutoff,
-        times=times[::stride],
+        times=shown,
         motion=motion,
         errors=smoothed.errors,
         sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
@@ -170,64 +182,60 @@ def measured_motion(
 
 
 def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = None) -> None:
-    """Raise InvalidInput for columns that are missing, too short, begin anew after a turn, or have spikes.
+    """Raise InvalidInput for columns that are missing, short, zero, begin anew after a turn, or have spikes.
 
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most
-    other samples: no motor starts or stops between two samples. A spike is a sample far from the median
-    of itself and its neighbours, which steps of friction leave alone, and which rounding moves by few
-    counts. Neither is looked for at gaps in time, over which a fast motor makes whole turns. The platform
-    is checked unless `poses` leave it out.
+    other samples: no motor starts or stops between two samples. Whole numbers alone are counts of an
+    encoder. A spike is a sample far from the median of itself and its neighbours, which steps of friction
+    leave alone, and which rounding moves by few counts. Turns and spikes are not looked for at gaps in time,
+    over which a fast motor makes whole turns. The platform is checked unless `poses` leave it out.
     """
-    turn = 2.0 * np.pi
+    turns_by_unit = {"": 2.0 * np.pi, "deg": 360.0}
     spread = 0.99  # share of the samples whose distance from the median is noise
     least_spike = 0.05  # of the column's range
     least_counts = 3.0  # of the steps to which a column is rounded, which noise crosses one by one
     largest_step = 1.5  # of time, over the median step; longer ones are gaps
-    time_steps = np.diff(data.column("time"))
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
     kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
     if poses != "motors" and data.has("platform", robot.axis_names):
         kinds["platform"] = robot.axis_names
     names = [f"{kind}_{ending}" for kind, endings in kinds.items() for ending in endings]
     columns = np.hstack([data.columns(kind, endings) for kind, endings in kinds.items()])  # (T, k)
-    for name, values in zip(names, columns.T, strict=True):
+    for name, column in zip(names, columns.T, strict=True):
+        known = np.flatnonzero(~np.isnan(column)).tolist()  # a slower tracker has no number at most samples
+        values = column[known]
+        time_steps = np.diff(data.column("time")[known])
+        is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
         steps = np.where(is_usual, np.abs(np.diff(values)), 0.0)
-        turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
-        others = np.delete(steps, turns)
-        if name.startswith("motor") and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
+        is_angle = name.startswith("motor")
+        for unit, turn in turns_by_unit.items():
+            turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
+            others = np.delete(steps, turns)
+            if is_angle and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
+                raise InvalidInput(
+                    f"{data.source}: {data.row(known[turns[0] + 1])}: {name} begins anew after a turn; "
+                    f"{f'--unit {name}={unit} ' * bool(unit)}--unwrap {name} counts on"
+                )
+        if is_angle and np.ptp(values) and (values == np.round(values)).all():
             raise InvalidInput(
-                f"{data.source}: {data.row(int(turns[0]) + 1)}: {name} begins anew after a turn; "
-                f"--unwrap {name} counts on"
+                f"{data.source}: {name} has whole numbers alone, as counts of an encoder: --unit "
+                f"{name}=SIZE declares how many radians or metres one of them is"
             )
+        if name.startswith("torque") and not values.any():
+            raise InvalidInput(f"{data.source}: {name} is zero at all samples; measured torques are needed")
         beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
-        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)
+        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)  # (T - 2,)
         count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
         limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count)
         spikes = 1 + np.flatnonzero(distance > limit)
         if len(spikes):
-            rows = list_names([data.row(int(spike)) for spike in spikes], most=8)
+            rows = list_names([data.row(known[spike]) for spike in spikes], most=8)
             before, spike, after = values[spikes[0] - 1 : spikes[0] + 2]
             raise InvalidInput(
                 f"{data.source}: {rows}: a spike, {name} is {spike:.4g} between {before:.4g} and {after:.4g};"
                 f" leave such rows out, time may have gaps"
             )
-
-
-def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the measured torques (T, n_a) [N m, N].
-
-    Raises:
-        InvalidInput: a torque is zero at all samples.
-    """
-    torque = data.columns("torque", robot.actuator_names)
-    for joint, column in zip(robot.actuator_names, torque.T, strict=True):
-        if not column.any():
-            raise InvalidInput(
-                f"{data.source}: torque_{joint} is zero at all samples; measured torques are needed"
-            )
-    return torque
 
 
 def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
@@ -254,6 +262,9 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
     single = {robot.coordinates.name_of(k): k for k in sorted(single_columns(robot.model))}
     for joint in start:
         check_choice("joint of --start", joint, single)
+    data = data.complete("joint_").complete("platform_").rows(slice(1))
+    if not len(data):
+        return robot
     motors = dict(zip(robot.actuator_names, _read_motor_joints(robot, data)[0].tolist(), strict=True))
     measured = {
         joint: float(data.column(f"joint_{joint}")[0]) for joint in single if data.has("joint", [joint])
@@ -288,8 +299,10 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
 # ------------------------------------------------------------------ smoothing
 
 
-def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: int = 1) -> SmoothedSamples:
-    """Smooth samples (T, k) at increasing times (T,), and differentiate every `stride`-th one twice.
+def smooth(
+    times: Array, samples: Array, cutoff: float | None = None, shown: Array | None = None
+) -> SmoothedSamples:
+    """Smooth samples (T, k) at increasing times (T,); differentiate twice at instants `shown` (S,).
 
     The number m of spline coefficients is 2 `cutoff` duration or, by default, that of the least generalised
     cross-validation score, multiplied over the signals.
@@ -319,7 +332,7 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: in
         count = round(2.0 * cutoff * duration)
 
     spline = _fit_spline(times, samples, count)
-    shown = times[::stride]  # (S,)
+    shown = times if shown is None else shown  # (S,)
     values = np.array([spline(shown, order) for order in range(3)])
     # the noise of the samples, and by simulation that of the derivatives; what smoothing changes of the rates
     squares = np.sum((samples - spline(times)) ** 2, axis=0)
@@ -329,18 +342,18 @@ def smooth(times: Array, samples: Array, cutoff: float | None = None, stride: in
     spreads = [np.sqrt(np.mean(noise_spline(shown, order) ** 2, axis=1)) for order in (1, 2)]  # (S,) each
     rate_spread = spreads[0][:, None] * noise  # (S, k)
     coarser = _fit_spline(times, samples, max(min_coefficients, int(count / refinement)))
-    intervals = find_intervals(spline.t, spline.k, times)  # (T,)
-    columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
-    functions, _, curvatures = (
-        banded_rows(spline_values(spline.t, spline.k, intervals, times, order)[:, None], columns, count)
-        for order in range(3)
-    )
+    rows = []  # of values at all samples, and of accelerations at those shown, by the coefficients
+    for t, order in ((times, 0), (shown, 2)):
+        intervals = find_intervals(spline.t, spline.k, t)
+        columns = intervals[:, None] + np.arange(-spline.k, 1)  # (T, 6) coefficients
+        by_coefficients = spline_values(spline.t, spline.k, intervals, t, order)
+        rows.append(banded_rows(by_coefficients[:, None], columns, count))
     return SmoothedSamples(
         values=values,
         cutoff=0.5 * count / duration,
         rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(shown, 1)),
         acceleration_known=spreads[1] < MAX_ACCELERATION_SPREAD * np.median(spreads[1]),
-        errors=SplineErrors(functions, curvatures, noise),
+        errors=SplineErrors(values=rows[0], accelerations=rows[1], noise=noise),
     )
 
 
@@ -376,9 +389,7 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
     """
     q_a, dq_a, ddq_a = joints
-    q = _poses_of_motors(robot, q_a, progress)  # (T, nq)
-    linearised = linearised_at(robot, q)
-    _check_clearance(robot, q, linearised)
+    q, linearised = _poses_of_motors(robot, q_a, progress)  # (T, nq)
     _, N = motor_speeds(robot, linearised)  # (T, nv, n)
     joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
     v = np.matvec(joints_per_motor, dq_a)
@@ -387,17 +398,21 @@ def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[i
     return freeze_deflections(robot, q, v, a)
 
 
-def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
-    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq).
+def _poses_of_motors(
+    robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]
+) -> tuple[Array, LinearisedLoops]:
+    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq) and their linearised loops.
 
     Poses are followed from one to the next a `largest_step` apart; Newton's method closes those between from
-    the pose before.
+    the pose before. Beyond a singularity motor angles do not determine the mode of the robot. One is possible
+    between two poses if the clearance, extrapolated linearly through two neighbouring instants, reaches zero
+    at the instant behind them or the one ahead of them.
 
     Args:
         progress: called with the number of poses followed.
 
     Raises:
-        Type2Singularity: the motors reach a singularity before the last instant.
+        Type2Singularity: the motors reach a singularity before the last instant, or may pass one.
     """
     largest_step = 0.05  # [rad, robot lengths] of a motor between poses that are followed
     check_motors_are_free(robot)
@@ -416,34 +431,17 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
     turn = full_motion(robot, robot.actuated, q_a - robot.actuated_coordinates(start[None]))
     guess = np.array(followed)[np.searchsorted(first, np.arange(len(q_a)), side="right") - 1]
     closed = close_at_motors(robot, start, turn, guess)
-    if not closed.closed.all():
-        k = int(np.argmin(closed.closed))
-        x = robot.platform.coordinates(closed.linearised.frames)[k]
-        raise _type2_error(robot, closed.q[k], x, float(closed.linearised.gap[k]), k / len(q_a))
-    return closed.q
-
-
-def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
-    """Raise Type2Singularity if the motors may pass one between two poses q (T, nq).
-
-    Beyond a singularity motor angles do not determine the mode of the robot. A singularity is possible if the
-    clearance, extrapolated linearly through two neighbouring instants, reaches zero at the instant after them
-    or before them.
-
-    Args:
-        linearised: loops at q.
-    """
+    linearised = closed.linearised
     clearances = clearance(robot, linearised)  # (T,)
     change = np.diff(clearances)
-    inner = clearances[1:-1]
-    next_value = inner + change[:-1]  # extrapolated through an instant and the one before it
-    previous_value = inner - change[1:]  # through an instant and the one after it
-    may_vanish = (next_value <= 0.0) | (previous_value <= 0.0)
-    if not may_vanish.any():
-        return
-    k = 1 + int(may_vanish.argmax())  # the first of these instants
-    x = robot.platform.coordinates(linearised.frames)[k]
-    raise _type2_error(robot, q[k], x, float(linearised.gap[k]), k / len(q))
+    extrapolated = clearances[1:-1] + np.minimum(change[:-1], -change[1:])
+    is_near = ~closed.closed
+    is_near[1:-1] |= extrapolated <= 0.0
+    if is_near.any():
+        k = int(is_near.argmax())
+        x = robot.platform.coordinates(linearised.frames)[k]
+        raise _type2_error(robot, closed.q[k], x, float(linearised.gap[k]), k / len(q_a))
+    return closed.q, linearised
 
 
 def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:
@@ -479,7 +477,7 @@ def _motion_of_platform(robot: ParallelRobot, platform: Array) -> Motion:
         pose = close_loops(robot, x[k : k + 1], pose).q  # from the previous pose
         coarse.append(pose[0])
     q = close_loops(robot, x, np.repeat(coarse, stride, axis=0)[: len(x)]).q
-    return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
+    return motion_at(robot, linearised_at(robot, q, x), dx, ddx)
 
 
 def _motor_misfit(

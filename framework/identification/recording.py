@@ -2,8 +2,9 @@
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, distance_NAME
 and touch_AXIS (see `fixtures`), and joint_NAME for joints that have a sensor but no motor, in SI units and
-radians. Other columns are ignored. So are rows that lack a number (an empty cell, nan) and rows that repeat
-the one before: loggers write these where a sensor said nothing new.
+radians. Other columns are ignored. So are rows that lack time, a motor angle or a torque (an empty cell, nan)
+and rows that repeat the one before: loggers write these where a sensor said nothing new. Other columns may
+have gaps, as those of trackers that are slower than motors.
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ class Recording(ReadOnlyArrays):
 
     source: str  # named in error messages
     names: Names  # of the columns
-    values: Array  # (T, columns)
+    values: Array  # (T, columns); NaN where a column of neither time nor motors has no number
     lines: tuple[int, ...] = ()  # (T,) of the file, counted from 1 with the header; empty without a file
     others: Names = ()  # columns of the file that are not read
-    left_out: int = 0  # rows of the file that lack a number or repeat the one before
+    left_out: int = 0  # rows that lack a number or repeat the one before
 
     def __len__(self) -> int:
         """Return the number of samples T."""
@@ -86,6 +87,15 @@ class Recording(ReadOnlyArrays):
         """Return the samples as CSV text, with all digits."""
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
+
+    def complete(self, prefix: str = "") -> Recording:
+        """Return the samples with numbers in all columns whose names begin with `prefix`."""
+        columns = [k for k, name in enumerate(self.names) if name.startswith(prefix)]
+        lacks = np.isnan(self.values[:, columns]).any(axis=1)  # (T,)
+        if not lacks.any():
+            return self
+        left_out = self.left_out + int(np.count_nonzero(lacks))
+        return replace(self.rows(np.flatnonzero(~lacks)), left_out=left_out)
 
     def rows(self, index: slice | IntArray) -> Recording:
         """Return the recording of the samples at an index or a slice."""
@@ -156,9 +166,11 @@ def read_recording(
     empty = [header[k] for k in np.array(columns)[~has_numbers.any(axis=0)]]
     if rows and empty:
         raise InvalidInput(f"{file}: column {empty[0]} has no number")
-    used = has_numbers.all(axis=1)
+    needed = [header[k] == "time" or header[k].startswith(("motor_angle_", "torque_")) for k in columns]
+    used = has_numbers[:, needed].all(axis=1)
     if "time" in header:
-        used[1:] &= (values[1:] != values[:-1]).any(axis=1)
+        differs = (values[1:] != values[:-1]) & (has_numbers[1:] | has_numbers[:-1])
+        used[1:] &= differs.any(axis=1)
     if np.count_nonzero(used) < 2:
         raise InvalidInput(f"{file}: {np.count_nonzero(used)} rows of numbers; at least 2 are needed")
     recording = Recording(

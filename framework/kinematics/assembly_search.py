@@ -64,18 +64,13 @@ def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -
         NotAssembled: no start leads to a closed pose; the message names a loop equation and its least
             residual.
     """
-    try:
-        return _search_pose(mechanism, near_platform)
-    except NotAssembled as failure:
-        return _find_with_fewer_limits(mechanism, near_platform, failure)
-
-
-def _search_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPose:
-    """Find a pose like `find_closed_pose`, by one search in each group of loops."""
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     for group in _group_loops(mechanism, lower, upper, near_platform):
-        u[group.columns] = _find_nearest_offsets(group)
+        try:
+            u[group.columns] = _find_nearest_offsets(group)
+        except NotAssembled as failure:
+            u[group.columns] = _find_with_fewer_limits(group, failure)
     step = u * mechanism.column_scale  # [rad, m]
     q = integrate(mechanism, mechanism.q_near, step)
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
@@ -322,38 +317,43 @@ def _find_nearest_offsets(group: _Group) -> Array:
     return min(poses, key=distance)
 
 
-def _find_with_fewer_limits(
-    mechanism: Mechanism, near_platform: Array | None, failure: NotAssembled
-) -> ClosedPose:
-    """Search again without the limits of one joint; a pose found may keep them all.
+def _find_with_fewer_limits(group: _Group, failure: NotAssembled) -> Array:
+    """Search offsets (k,) of a group without the limits of one joint; those found may keep them all.
 
     Raises:
         NotAssembled: the failure; if the loops close beyond the joints' limits, with these limits.
     """
-    if not mechanism.limits:
+    mechanism = group.mechanism
+    limits = tuple(limit for limit in mechanism.limits if limit.column in group.columns)
+    if not limits:
         raise failure
+
+    def search_without(columns: list[int]) -> tuple[Array, dict[str, str]]:
+        """Return offsets (k,) found without the limits of some columns, and positions beyond limits."""
+        is_free = np.isin(group.columns, columns)
+        lower, upper = np.where(is_free, -np.inf, group.lower), np.where(is_free, np.inf, group.upper)
+        u = _find_nearest_offsets(replace(group, lower=lower, upper=upper))
+        return u, positions_beyond_limits(limits, group.configuration(u)[None])
+
     try:
-        pose = _search_pose(replace(mechanism, limits=()), near_platform)
+        free, beyond = search_without(group.columns.tolist())
     except NotAssembled:
         raise failure from None
-    beyond = positions_beyond_limits(mechanism.limits, pose.q[None])
+    if not beyond:
+        return free
     alone = []  # joints of which one beyond its limits is enough
     for joint in beyond:
-        limits = tuple(limit for limit in mechanism.limits if limit.joint != joint)
         with suppress(NotAssembled):
-            other = _search_pose(replace(mechanism, limits=limits), near_platform)
-            exceeded = positions_beyond_limits(mechanism.limits, other.q[None])
+            u, exceeded = search_without([limit.column for limit in limits if limit.joint == joint])
             if not exceeded:
-                return other
+                return u
             alone.append(" and ".join(f"{name} {words}" for name, words in exceeded.items()))
-    if not beyond:
-        return pose
     listed = " or ".join(alone) or " and ".join(f"{joint} {words}" for joint, words in beyond.items())
     raise NotAssembled(
         f"the loops close only beyond the joints' limits, with {listed}: the limits "
         f"contradict the loops; change them, or the zero of the joint",
         name=mechanism.name,
-        q=pose.q,
+        q=group.configuration(free),
         residual=failure.residual,
     )
 

@@ -70,7 +70,9 @@ class ExternalWrenches:
             InvalidInput: a value is not a wrench.
         """
         expect_wrenches(wrenches)
-        named = (wrenches or {}).items()
+        if not wrenches:
+            return NO_WRENCHES
+        named = wrenches.items()
         return ExternalWrenches(tuple(FrameWrench.of(str(frame), wrench) for frame, wrench in named))
 
     def check_frames(self, mechanism: Mechanism) -> None:

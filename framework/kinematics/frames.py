@@ -159,7 +159,7 @@ class FrameStack(NamedTuple):
     @property
     def platform_origin(self) -> Array:
         """Origin of the platform's frame, which is the first, (T, 3) [m]."""
-        return self.position[:, 0]
+        return self.placements[:, 0, 3]
 
     @property
     def platform_rotation(self) -> Array:

@@ -37,7 +37,6 @@ from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.assembly import MAX_ITERATIONS, MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
 from framework.kinematics.linearised_loops import (
-    ClosedStack,
     LinearisedLoops,
     linearised_at,
     linearised_at_reference,
@@ -83,7 +82,7 @@ def require_mobility(robot: ParallelRobot) -> None:
         )
 
 
-def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
+def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> LinearisedLoops:
     """Close all loops at platform coordinates x (T, n), from `guess` (T, nq) near the solution.
 
     The elastic coordinates keep their values of the guess.
@@ -93,7 +92,7 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     """
     q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
-        return ClosedStack(q, x, linearised)
+        return linearised
     gaps = np.abs(linearised.residual).max(axis=1)  # (T,)
     worst = np.argmax(np.where(closed, 0.0, gaps))  # the first NaN if there is one
     residual = float(gaps[worst])

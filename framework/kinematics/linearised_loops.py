@@ -27,7 +27,7 @@ from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jacobian
 from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
 from framework.kinematics.loop_ranges import align_bases, oriented_bases
-from framework.kinematics.loop_structure import null_directions, rounded_gap
+from framework.kinematics.loop_structure import rounded_gap
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, select
 from framework.numerics.banded_lu import Factors
@@ -41,11 +41,17 @@ class LinearisedLoops:
 
     equations: Equations  # what does not depend on the configuration
     frames: FrameStack  # of the robot at these configurations
+    x: Array  # (T, n) platform coordinates, those of the frames where the residual vanishes
     loops: LoopWrenches  # all loop equations of the robot, redundant ones included
     residual: Array  # (T, n + m) F [m or rad]
     wrenches: Array  # (T, n + R, 6) of platform and rows of the loops, about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
     combination: Array | None = None  # (T, R, m) by which equations are sums of R rows; None if R = m
+
+    @property
+    def q(self) -> Array:
+        """Configurations (T, nq)."""
+        return self.frames.q
 
     @property
     def bases(self) -> Array:
@@ -81,6 +87,7 @@ class LinearisedLoops:
         return LinearisedLoops(
             equations=self.equations,
             frames=self.frames.select(which),
+            x=self.x[which],
             loops=select(self.loops, which),
             residual=self.residual[which],
             wrenches=self.wrenches[which],
@@ -128,16 +135,9 @@ class LinearisedLoops:
         """
         if part is None:
             raise np.linalg.LinAlgError(f"{subject} do not make a square system")
-        return part.factor(self.jacobian)
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedStack:
-    """T configurations with closed loops."""
-
-    q: Array  # (T, nq)
-    x: Array  # (T, n) platform coordinates
-    linearised: LinearisedLoops  # at q and x
+        count, rows, columns = self.jacobian.shape
+        values = self.jacobian.reshape(count, rows * columns).take(part.entries, axis=1)  # (T, E) row-major
+        return part.band.factor(values)
 
 
 def linearised_at(
@@ -159,7 +159,9 @@ def linearised_at(
         rows, needed = loop_wrenches(robot.spanning_loops, frames), np.arange(len(structure.spanning))
 
     residual = np.zeros((len(q), len(equations.bodies)))
-    if x is not None:
+    if x is None:
+        x = robot.platform.coordinates(frames)
+    else:
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = rows.residual.take(needed, axis=1)
 
@@ -170,7 +172,7 @@ def linearised_at(
     wrenches = move_wrench(wrenches, origins)  # now about the base's origin
 
     jacobian = equations.jacobian(wrenches, frames)
-    linearised = LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
+    linearised = LinearisedLoops(equations, frames, x, loops, residual, wrenches, jacobian)
     if structure.varies:
         linearised = _combine_rows(robot, linearised, bases)
     linearised.jacobian.flags.writeable = False
@@ -205,7 +207,9 @@ def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
     return linearised_at(robot, reference.q[None], reference.x[None])
 
 
-def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
+def assembled_at(
+    robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False
+) -> LinearisedLoops:
     """Linearise the equations at a configuration q (nq,) after checking that q is assembled.
 
     Args:
@@ -227,7 +231,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
             f"q{f', row {worst}' if len(q) > 1 else ''}: the loops of {robot.name} are open by "
             f"{linearised.gap[worst]:.3g} m or rad there; see `assemble`"
         )
-    return ClosedStack(q, robot.platform.coordinates(linearised.frames), linearised)
+    return linearised
 
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -280,15 +284,6 @@ def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArr
     return np.flatnonzero(~are_regular(passive_matrix(robot, linearised), RANK_LOST))
 
 
-def equation_sizes(robot: ParallelRobot) -> Array:
-    """Compute the characteristic size (n + m,) of each equation [m or rad], the platform's first.
-
-    Residuals divided by these sizes are dimensionless.
-    """
-    loops = robot.loop_lengths * robot.structure.row_sizes
-    return np.concatenate([robot.platform_scale, loops])
-
-
 def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the square matrix (T, n_p, n_p) that is singular at Type 2: P, or P'P with redundant motors.
 
@@ -306,9 +301,7 @@ def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     passive joints, as in `robot.moving`. The matrix is singular at Type 1 singularities and where the loop
     equations lose rank.
     """
-    platform = scale_jacobian(robot, linearised.platform, robot.platform_scale)  # (T, n, nv)
-    rows = [platform, independent_loops_matrix(robot, linearised)]
-    return np.concatenate(rows, axis=1)[:, :, robot.moving]
+    return linearised.jacobian[:, :, robot.moving] * robot.moving_scale
 
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
@@ -332,13 +325,3 @@ def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: f
     values = singular_values(moving_loops(robot, linearised))  # (T, m)
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
     return np.sum(values < level * largest[:, None], axis=1)
-
-
-def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute rates (k, f) of the k `moving` joints in f motions that the loops allow (T = 1).
-
-    The motions are orthonormal in radians and robot lengths; the rates are in rad and m. f is the number of
-    degrees of freedom, and larger where the loop equations lose rank.
-    """
-    allowed = null_directions(moving_loops(robot, linearised)[0])  # (f, k)
-    return (allowed * robot.column_scale[robot.moving]).T

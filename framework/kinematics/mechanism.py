@@ -252,11 +252,11 @@ class Mechanism(ReadOnlyArrays):
     def name(self) -> str:
         return self.description.name
 
-    @property
+    @cached_property
     def n_e(self) -> int:
         return len(self.elastic)
 
-    @property
+    @cached_property
     def nv(self) -> int:
         """Number of columns: entries of pinocchio's velocity vector."""
         return self.model.nv

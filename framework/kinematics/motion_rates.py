@@ -39,7 +39,7 @@ from framework.kinematics.frames import (
     tree_columns,
 )
 from framework.kinematics.inverse_kinematics import driven_turns, idle_turns
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 from framework.kinematics.tree_model import ball_columns
@@ -126,7 +126,7 @@ def solve_rates(
 
 def motion_at(
     robot: ParallelRobot,
-    closed: ClosedStack,
+    closed: LinearisedLoops,
     dx: Array,
     ddx: Array,
     dq_e: Array | None = None,
@@ -136,7 +136,7 @@ def motion_at(
 
     The deflections have the rates dq_e and accelerations ddq_e (T, n_e); zero if None.
     """
-    return _motion_of_twist(robot, closed.linearised, robot.platform.twist(closed.x, dx, ddx), dq_e, ddq_e)
+    return _motion_of_twist(robot, closed, robot.platform.twist(closed.x, dx, ddx), dq_e, ddq_e)
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:

@@ -30,7 +30,7 @@ from framework.kinematics.platform import PlatformCoordinates, platform_coordina
 from framework.lazy_names import notebook_picture
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
-from framework.numerics.banded_lu import Band, Factors
+from framework.numerics.banded_lu import Band
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,16 +119,16 @@ class ParallelRobot(Mechanism):
             remedy = {"reference": pose} if cls._serves(mechanism, pose) else None
             raise failure.advising(remedy) from None
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of platform coordinates."""
         return self.equations.n
 
-    @property
+    @cached_property
     def n_a(self) -> int:
         return len(self.actuated)
 
-    @property
+    @cached_property
     def n_p(self) -> int:
         """Number of passive joints without the idle ones."""
         return len(self.following)
@@ -140,17 +140,17 @@ class ParallelRobot(Mechanism):
         rotors[self.actuated] = self.gear_ratio**2 * self.rotor_inertia
         return read_only(rotors)
 
-    @property
+    @cached_property
     def loops(self) -> LoopRows:
         """The independent loop equations."""
         return self.equations.loops
 
-    @property
+    @cached_property
     def spanning_loops(self) -> LoopRows:
         """The R loop equations whose combinations are solved; `loops` if R = m."""
         return self.equations.spanning
 
-    @property
+    @cached_property
     def moving(self) -> IntArray:
         """Columns (k,) of the joints that x and q_e determine: actuated, then passive without idle ones."""
         return self.equations.columns
@@ -165,7 +165,7 @@ class ParallelRobot(Mechanism):
         """Columns (f,) of the joints that move with locked motors: elastic, then `following`."""
         return read_only(np.concatenate([self.elastic, self.following]))
 
-    @property
+    @cached_property
     def translations(self) -> BoolArray:
         """Whether each platform coordinate is a translation [m], (n,); the others are turns [rad]."""
         return self.platform.translations
@@ -209,16 +209,25 @@ class ParallelRobot(Mechanism):
         """Names of the platform coordinates, e.g. ("x", "y"), or names of joints."""
         return self.description.platform.names
 
-    @property
+    @cached_property
     def loop_lengths(self) -> Array:
         """Unit of each independent loop equation, (m,): robot length [m]; 1 of rotations and combinations."""
-        return self.unit_lengths(self.loops.rotation | self.structure.varies)
+        return read_only(self.unit_lengths(self.loops.rotation | self.structure.varies))
+
+    @cached_property
+    def equation_sizes(self) -> Array:
+        """Characteristic size of each equation, (n + m,) [m or rad], the platform's first."""
+        return read_only(np.concatenate([self.platform_scale, self.loop_lengths * self.structure.row_sizes]))
+
+    @cached_property
+    def moving_scale(self) -> Array:
+        """Factors (n + m, moving) that make dF/dq along the moving joints dimensionless."""
+        return read_only(self.column_scale[self.moving] / self.equation_sizes[:, None])
 
     @cached_property
     def passive_scale(self) -> Array:
         """Factors (m, n_p) that make the passive columns of the loop equations dimensionless."""
-        row_scale = self.loop_lengths * self.structure.row_sizes
-        return read_only(self.column_scale[self.following] / row_scale[:, None])
+        return read_only(self.moving_scale[self.n :, self.n_a :])
 
     def with_fixed_rows(self, rows: IntArray) -> Self:
         """Return the robot with loop equations at indices `rows` (k,) of `rows`, in place of combinations."""
@@ -355,9 +364,3 @@ class SquarePart(ReadOnlyArrays):
         i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, indices into the square part
         entries = rows[i] * pattern.shape[1] + columns[j]  # the same entries of the whole matrix, row-major
         return SquarePart(entries, Band.of(i, j, len(rows)))
-
-    def factor(self, matrices: Array) -> Factors:
-        """Compute the LU factors of this part (T, k, k) of whole matrices (T, r, c)."""
-        count, rows, columns = matrices.shape
-        values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E) row-major
-        return self.band.factor(values)

@@ -17,6 +17,7 @@ frame at its origin on base axes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,12 +45,12 @@ class _Coordinates(ReadOnlyArrays):
     sliding: IntArray  # indices into x of the translations of the frame's origin
     along: IntArray  # base axis 0..2 of each of these translations
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of coordinates."""
         return len(self.translations)
 
-    @property
+    @cached_property
     def is_point(self) -> bool:
         """Whether all coordinates are translations of the frame's origin."""
         return len(self.sliding) == self.n
@@ -112,7 +113,7 @@ class FramePlatform(_Coordinates):
             return self
         return replace(self, attitude=twist_angle_for(self.attitude, rotations))
 
-    @property
+    @cached_property
     def constant(self) -> bool:
         """Whether the wrenches are the same at every pose."""
         return self.attitude.constant

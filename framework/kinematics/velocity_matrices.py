@@ -26,7 +26,7 @@ from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
 from framework.kinematics.continuation.motor_curves import rates_closing_loops
 from framework.kinematics.inverse_kinematics import require_mobility
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, find_near_type2
+from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, find_near_type2
 from framework.kinematics.motion_rates import Motion, jacobian_rates, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays, read_only
@@ -52,7 +52,7 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    scaled = dimensionless_matrices(robot, assembled_at(robot, q).linearised)
+    scaled = dimensionless_matrices(robot, assembled_at(robot, q))
     A, B, C = (read_only(matrix[0]) for matrix in _with_dimension(robot, scaled))
     return VelocityMatrices(A, B, C)
 
@@ -165,37 +165,36 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
         SingularPose: the motors do not determine the pose (Type 2).
         NotAssembled: the platform does not determine the joints (Type 1).
     """
-    closed = assembled_at(robot, q)
+    linearised = assembled_at(robot, q)
     require_mobility(robot)
     check_motors_are_free(robot)
-    linearised = closed.linearised
     if len(find_near_type2(robot, linearised)):
         raise SingularPose(
-            f"at {robot.place(closed.x[0])} the motors do not hold "
+            f"at {robot.place(linearised.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
             name=robot.name,
-            platform=closed.x[0],
+            platform=linearised.x[0],
         )
 
     # (n_e, 1, nv) of all joints with the platform at rest, at a unit rate of each deflection
     at_rest, unit_rates = np.zeros((robot.n_e, 1, robot.n)), np.eye(robot.n_e)[:, None]
     joints = joint_rates(robot, linearised, at_rest, unit_rates)
     return KinematicDerivatives(
-        motors=_pose_derivatives(robot, closed, robot.actuated),
-        springs=_pose_derivatives(robot, closed, robot.elastic),
+        motors=_pose_derivatives(robot, linearised, robot.actuated),
+        springs=_pose_derivatives(robot, linearised, robot.elastic),
         q_a=joints[:, 0, robot.actuated].T,
     )
 
 
-def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
+def _pose_derivatives(robot: ParallelRobot, closed: LinearisedLoops, columns: IntArray) -> PoseSlopes:
     """Compute the derivatives of pose and matrices along the joints `columns` (k,), loops closed.
 
     The passive joints close the loops; motors and springs that are not among the columns rest.
     """
-    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
+    copies = closed.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
     steps = rates_closing_loops(robot, copies, np.eye(robot.nv)[columns])  # (k, nv)
     jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
     _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
-    twists = closed.linearised.platform[0] @ steps.T  # (n, k)
+    twists = closed.platform[0] @ steps.T  # (n, k)
     dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # of v = E dx
     return PoseSlopes(steps.T, dx, *slopes)  # the slopes are those of A, B and C

@@ -190,15 +190,16 @@ def compose_derivatives(outer: Sequence[Array], inner: Sequence[Array]) -> list[
         n + 1 arrays, with the shape of the arguments broadcast.
     """
 
-    def differentiate(k: int, m: int) -> Array:
-        """Compute the derivative of order m of F_k by t."""
-        if m == 0:
-            return outer[k]
-        # inner[j - 1] is g^(j)
-        terms = [comb(m - 1, i) * inner[m - i - 1] * differentiate(k + 1, i) for i in range(m)]
-        return sum(terms[1:], terms[0])
-
-    return [differentiate(0, m) for m in range(len(outer))]
+    by_order = [list(outer)]  # F_k for k = 0 .. n, then derivatives of order m for k = 0 .. n - m
+    for m in range(1, len(outer)):
+        derivatives = []
+        for k in range(len(outer) - m):
+            total = inner[m - 1] * outer[k + 1]  # i = 0; inner[j - 1] is g^(j)
+            for i in range(1, m):
+                total = total + comb(m - 1, i) * inner[m - i - 1] * by_order[i][k + 1]
+            derivatives.append(total)
+        by_order.append(derivatives)
+    return [derivatives[0] for derivatives in by_order]
 
 
 class Condition(NamedTuple):
@@ -244,19 +245,20 @@ class Law(ReadOnlyArrays, PlannedLaw):
         """
         check_order(order)
         x = normalise_time(t, self.duration)
-        return evaluate(x.ravel(), self._series(order)[:, None]).reshape(x.shape)
+        order = min(order, len(self.coefficients))  # all further derivatives are zero, too
+        scale = (2.0 / self.duration) ** order
+        series = scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
+        return evaluate(x.ravel(), series[:, None]).reshape(x.shape)
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Compute s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
-        series = np.array([self._series(order) for order in range(count)]).T.copy()
         x = normalise_time(t, self.duration)
+        series = np.empty((len(self.coefficients), count))  # one column for each order
+        scale = 2.0 / self.duration  # of a derivative by x
+        for order in range(count):
+            matrix = derivative_matrix(len(self.coefficients), order)
+            series[:, order] = scale**order * (matrix @ self.coefficients)
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
-
-    def _series(self, order: int) -> Array:
-        """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative of s."""
-        order = min(order, len(self.coefficients))  # all further derivatives are zero, too
-        scale = (2.0 / self.duration) ** order
-        return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float, high: Array = NO_HIGH) -> Law:

@@ -8,6 +8,7 @@ side of each knot. A path does not depend on a robot.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -76,7 +77,7 @@ class PointPath(ReadOnlyArrays):
         self.__dict__.update(values)
         ReadOnlyArrays.__post_init__(self)
 
-    @property
+    @cached_property
     def n(self) -> int:
         """The number of coordinates."""
         return int(self.points.shape[1])

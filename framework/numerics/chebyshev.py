@@ -107,22 +107,16 @@ def real_roots(series: Array) -> Array:
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
     (above,) = (~is_rounding).nonzero()
     degree = int(above[-1]) if len(above) else 0
-    if degree == 0 or _constant_dominates(sizes[: degree + 1]):
+    if degree == 0:
+        return np.empty(0)
+    # |T_k| is at most base^k in the ellipse with foci -1 and 1 whose semi-axes sum up to base. With this base
+    # it contains all points at which roots are accepted. There is none if |c_0| exceeds all other terms.
+    base = 1.0 + 2.0 * SAME_PLACE**0.25
+    if sizes[0] > sizes[1 : degree + 1] @ base ** np.arange(1, degree + 1):
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
     real = roots[np.abs(roots.imag) <= np.sqrt(SAME_PLACE)].real
     return np.sort(real[np.abs(real) <= 1 + SAME_PLACE].clip(-1.0, 1.0))
-
-
-def _constant_dominates(sizes: Array) -> bool:
-    """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
-
-    `sizes` (degree + 1,) are the |c_k|. |T_k| is at most base^k in the ellipse with foci -1 and 1 whose
-    semi-axes sum up to base. With this base it contains the points at which roots are accepted, up to
-    SAME_PLACE^(1/2) off the real axis.
-    """
-    base = 1.0 + 2.0 * SAME_PLACE**0.25
-    return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
 
 
 def _quadratic_roots(series: Array) -> NDArray[Any]:
@@ -213,15 +207,14 @@ class TimeGrid(ReadOnlyArrays):
     @cached_property
     def times(self) -> Array:
         """All nodes (panels * size,), panel after panel; an inner edge appears twice."""
-        return read_only(_nodes_between(self.edges, self.size))
+        starts, ends = self.edges[:-1], self.edges[1:]
+        times = starts[:, None] + 0.5 * (ends - starts)[:, None] * (nodes(self.size) + 1.0)  # (panels, size)
+        times[:, -1] = ends  # exactly, without rounding
+        return read_only(times.ravel())
 
     def fit(self, values: Array) -> TimeFunction:
         """Fit the function through values (panels * size, k) at `times`."""
-        return TimeFunction(self.edges, coefficients(self._stack_panels(values)))
-
-    def _stack_panels(self, values: Array) -> Array:
-        """Return values (panels * size, k) as (panels, size, k)."""
-        return values.reshape(len(self.edges) - 1, self.size, -1)
+        return TimeFunction(self.edges, coefficients(values.reshape(len(self.edges) - 1, self.size, -1)))
 
     def fit_truncated(
         self,
@@ -237,7 +230,7 @@ class TimeGrid(ReadOnlyArrays):
         would grow in an iteration on second derivatives.
         """
         resolvable = self.size - max(2, self.size // 8)
-        series = coefficients(self._stack_panels(values))
+        series = coefficients(values.reshape(len(self.edges) - 1, self.size, -1))
         rounding = noise_factor * np.abs(series[:, resolvable:]).max(axis=1, keepdims=True)
         series[np.abs(series) <= rounding] = 0.0
         series[:, resolvable:] = 0.0
@@ -271,23 +264,15 @@ class TimeGrid(ReadOnlyArrays):
         """
         if not len(instants):  # any nodes will do
             return TimeGrid(edges, size)
-        best_size = size
-        best_distance = -1.0
-        for candidate in range(size, size + 6):
-            times = _nodes_between(edges, candidate)
-            distance = float(np.abs(times - instants[:, None]).min()) * candidate  # relative to 1 / candidate
-            if distance > best_distance * 1.001:  # by more than rounding
-                best_size = candidate
-                best_distance = distance
-        return TimeGrid(edges, best_size)
-
-
-def _nodes_between(edges: Array, size: int) -> Array:
-    """Return Chebyshev nodes (panels * size,), `size` on each panel between edges (panels + 1,)."""
-    half_widths = 0.5 * (edges[1:] - edges[:-1])[:, None]
-    times = edges[:-1, None] + half_widths * (nodes(size) + 1.0)
-    times[:, -1] = edges[1:]  # exactly, without rounding
-    return times.ravel()
+        panel = edges[1:-1].searchsorted(instants)  # (k,)
+        half_widths = 0.5 * (edges[panel + 1] - edges[panel])
+        x = ((instants - edges[panel]) / half_widths - 1.0).clip(-1.0, 1.0)  # on the panel
+        counts = np.arange(size, size + 6)  # of nodes -cos(pi j / (count - 1)), j = 0 .. count - 1
+        j = np.arccos(-x)[:, None] * (counts - 1) / np.pi  # (k, 6) of each instant, not whole
+        nodes_beside = -np.cos(np.pi * np.array([np.floor(j), np.ceil(j)]) / (counts - 1))  # (2, k, 6)
+        distances = (np.abs(nodes_beside - x[:, None]) * half_widths[:, None]).min(axis=(0, 1)) * counts
+        # the first of those that are best but for rounding
+        return TimeGrid(edges, int(counts[(distances * 1.001 >= distances.max()).argmax()]))
 
 
 @lru_cache(maxsize=64)

@@ -35,10 +35,21 @@ def wrap_angles(angles: Array) -> Array:
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """Compute rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
-    from scipy.spatial.transform import Rotation
+    """Compute rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad].
 
-    return Rotation.from_rotvec(vector).as_matrix()
+    With the quaternion (w, p) = (cos(t/2), sin(t/2) axis) it is (w^2 - p'p) I + 2 p p' + 2 w [p]x.
+    """
+    half = 0.5 * np.sqrt(dot(vector, vector))  # (T,) [rad] t/2
+    w = np.cos(half)
+    x, y, z = 0.5 * np.sinc(half / np.pi) * vector.T  # (T,) each, of p
+    matrices = np.empty((*vector.shape, 3))
+    matrices[:, 0, 0] = w * w + x * x - y * y - z * z
+    matrices[:, 1, 1] = w * w - x * x + y * y - z * z
+    matrices[:, 2, 2] = w * w - x * x - y * y + z * z
+    for i, j, sine, product in ((2, 1, w * x, y * z), (0, 2, w * y, x * z), (1, 0, w * z, x * y)):
+        matrices[:, i, j] = 2.0 * (product + sine)
+        matrices[:, j, i] = 2.0 * (product - sine)
+    return matrices
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -21,7 +21,6 @@ from framework.dynamics.forces import damping_forces, inertial_forces
 from framework.dynamics.path_forces import PathForces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array, freeze
@@ -49,7 +48,7 @@ def imposed_point(branch: Branch, s: float) -> SingularPoint:
     The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
     motion that the motors control least.
     """
-    pose = branch.close(s).linearised
+    pose = branch.close(s)
     freeze(pose)
     least = uncontrolled_motion(branch.robot, pose)._replace(corank=1)
     return SingularPoint.of(branch, s, pose, least, contact="imposed", slope=np.nan)
@@ -104,8 +103,7 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     deflection = deflection if robot.n_e else None
     pose, eta = crossing.pose, crossing.motion
     s = np.array([crossing.s])
-    closed = ClosedStack(pose.frames.q, branch.path(s), pose)
-    forces = PathForces.compute(branch, s, closed)
+    forces = PathForces.compute(branch, s, pose)
     # powers (4, nv) of each joint for alpha, beta, gamma and delta
     powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
     values = powers.sum(axis=1)  # (4,)
@@ -120,7 +118,9 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
         # stiff springs add small terms, which are not rounding as long as s" has an effect
         if abs(values[0]) > NO_HOLD * term_sizes[0]:
             return Condition8(*values.tolist())
-    return Condition8(*remove_rounding(values, term_sizes, alpha_index=0).tolist())
+    # where s" has no effect, no motion compensates the others: they count as rounding up to a larger share
+    rounding = CONDITION_ROUNDING if abs(values[0]) > NO_HOLD * term_sizes[0] else NO_HOLD
+    return Condition8(*np.where(np.abs(values) > rounding * term_sizes, values, 0.0).tolist())
 
 
 def _forces_of_springs(
@@ -137,30 +137,14 @@ def _forces_of_springs(
     robot = branch.robot
     speeds = np.array([0.0, 1.0])  # s'
     pose = crossing.pose.select(np.zeros(2, dtype=np.intp))  # the one pose, once a motion
-    x, dx, ddx = time_derivatives(branch.path, [np.full(2, crossing.s), speeds, np.zeros(2)])
+    _x, dx, ddx = time_derivatives(branch.path, [np.full(2, crossing.s), speeds, np.zeros(2)])
     rates = np.array([deflection.rate] * 2)
     accelerations = np.array([deflection.acceleration] * 2)
-    motion = motion_at(robot, ClosedStack(pose.frames.q, x, pose), dx, ddx, rates, accelerations)
+    motion = motion_at(robot, pose, dx, ddx, rates, accelerations)
     at_rest, at_speed = inertial_forces(robot, motion)
     bilinear = at_speed - centrifugal[0] - at_rest
     damping = damping_forces(robot, motion.q[:1], motion.v[:1])[0]
     return np.array([at_rest + damping, bilinear])
-
-
-def remove_rounding(values: Array, term_sizes: Array, alpha_index: int) -> Array:
-    """Set coefficients (k,) of condition (8) that are no larger than rounding to zero.
-
-    Where s" has no effect, no motion can compensate the other coefficients. They then count as rounding up to
-    a larger share of their terms.
-
-    Args:
-        values: the coefficients (k,).
-        term_sizes: sums (k,) of the absolute values of each coefficient's terms.
-        alpha_index: index of the coefficient of s" among the k.
-    """
-    alpha_has_effect = abs(values[alpha_index]) > NO_HOLD * term_sizes[alpha_index]
-    rounding = CONDITION_ROUNDING if alpha_has_effect else NO_HOLD
-    return np.where(np.abs(values) > rounding * term_sizes, values, 0.0)
 
 
 def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Array:

@@ -80,16 +80,16 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
     if request.at is None:
         for singular in searched.points:
             check_crossable(branch, singular)
-        points = tuple(_with_condition(branch, singular) for singular in searched.points)
-        return PathToCross(searched._replace(points=points), points, explained)
-    imposed = tuple(_with_condition(branch, imposed_point(branch, s)) for s in request.at)
-    points = tuple(_with_imposed(singular, imposed) for singular in searched.points)
-    return PathToCross(searched._replace(points=points), imposed, explained)
-
-
-def _with_condition(branch: Branch, point: SingularPoint) -> SingularPoint:
-    """Return a point with the coefficients of its condition (8), t_s . W_p = 0, springs at rest."""
-    return replace(point, condition=coefficients_at(branch, point, None))
+        to_cross = searched.points
+    else:
+        to_cross = tuple(imposed_point(branch, s) for s in request.at)
+    crossing_points = []  # with their conditions, springs at rest
+    for point in to_cross:
+        crossing_points.append(replace(point, condition=coefficients_at(branch, point, None)))
+    points = crossing_points
+    if request.at is not None:
+        points = [_with_imposed(singular, crossing_points) for singular in searched.points]
+    return PathToCross(searched._replace(points=tuple(points)), tuple(crossing_points), explained)
 
 
 def _with_imposed(singular: SingularPoint, imposed: Sequence[SingularPoint]) -> SingularPoint:
@@ -127,7 +127,7 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
             there.
     """
     check_kind(branch.robot, singular)
-    if not is_at_path_end(singular):
+    if not singular.is_at_path_end:
         return
     end = "starts" if singular.s < 0.5 else "ends"
     alpha, beta, gamma, _delta = coefficients_at(branch, singular, deflection=None)
@@ -141,11 +141,6 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     )
 
 
-def is_at_path_end(singular: SingularPoint) -> bool:
-    """Return whether the path starts or ends at a singular point."""
-    return not SAME_PLACE < singular.s < 1.0 - SAME_PLACE
-
-
 def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint]) -> None:
     """Refuse points at which the polynomial law would have several conditions to meet.
 
@@ -156,7 +151,7 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
         NoLaw: there is such a point; the message names a remedy.
     """
     for singular in points:
-        if singular.is_imposed:
+        if singular.contact == "imposed":
             continue
         where = f"at s = {singular.s:.6g}"
         if singular.corank > 1:

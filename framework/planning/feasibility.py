@@ -22,7 +22,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
 from framework.planning.condition import coefficients_at
-from framework.planning.crossing_points import PathToCross, is_at_path_end
+from framework.planning.crossing_points import PathToCross
 from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import Condition8, SearchedPath, SingularPoint
 from framework.tolerances import RANK_ROUNDING
@@ -221,7 +221,7 @@ def is_crossable(searched: SearchedPath) -> bool:
     return not any(
         feasibility is None
         or singular.contact == "tangential"
-        or is_at_path_end(singular)
+        or singular.is_at_path_end
         or feasibility.forbids_every_law
         for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
     )

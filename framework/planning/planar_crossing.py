@@ -19,7 +19,7 @@ import numpy as np
 from framework.dynamics.path_forces import PathForces
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep
@@ -72,7 +72,7 @@ class PlanarCrossing(NamedTuple):
         robot, closed = self.robots["off"], self.searched.branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
         scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
-        G, _joint_rates = motor_speeds(robot, closed.linearised)  # (M, n_a, n)
+        G, _joint_rates = motor_speeds(robot, closed)  # (M, n_a, n)
         g = measure.g[:, None, None]
         samples = {
             "q": closed.q,
@@ -108,7 +108,7 @@ class PlanarCrossing(NamedTuple):
         return twist_norm(robot, twist[0]) * direction
 
 
-def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
+def _close_aside(robot: ParallelRobot, closed: LinearisedLoops) -> Array:
     """Close the loops with the platform displaced along each axis: q (n, 2, M, nq).
 
     The displacement is STEP_ASIDE robot lengths, forward and back, from the M poses `closed`.
@@ -119,10 +119,10 @@ def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
     return np.array(poses)
 
 
-def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
+def _measure_with_twist(robot: ParallelRobot, closed: LinearisedLoops) -> tuple[SingularityMeasure, Array]:
     """Compute the measure of singularity, and the twist (M, n) of the uncontrolled motion."""
-    measure = singularity_measure(robot, closed.linearised)
-    return measure, np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
+    measure = singularity_measure(robot, closed)
+    return measure, np.einsum("tnv,tv->tn", closed.platform, measure.motion)
 
 
 def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: Array) -> PlanarCrossing:

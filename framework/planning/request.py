@@ -173,10 +173,9 @@ class Request(PlanOptions):
         """Whether motor limits, a margin, a longest duration or a goal are stated."""
         if self.margin > 0 or self.optimize is not None or self.longest is not None:
             return True
-        limits = [self.torque_limit, self.speed_limit]
-        limits += [self.corner_speed, self.no_load_speed, self.rms_torque_limit]
-        stated = [limit for limit in limits if limit is not None]
-        return any(map(is_limited, stated))
+        limits = (self.torque_limit, self.speed_limit)
+        drives = (self.corner_speed, self.no_load_speed, self.rms_torque_limit)
+        return any(map(is_limited, limits + drives))
 
     def _check_crossings(self) -> None:
         """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
@@ -431,10 +430,11 @@ def share_within(
 def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
     """Return the largest ratio of a motion's torques and speeds to the specified limits; 0 without limits."""
     drives = specification.drives
-    if not (specification.limited or specification.limited_speeds or drives is not None):
+    torque_limit, speed_limit = specification.torque_limit, specification.speed_limit
+    if drives is None and np.isinf([torque_limit, speed_limit]).all():
         return 0.0
     torque, speed = motor_peaks(dynamics)
-    ratios = [torque / specification.torque_limit, speed / specification.speed_limit]
+    ratios = [torque / torque_limit, speed / speed_limit]
     if drives is not None:
         ratios += [
             curve_ratios(dynamics, drives),

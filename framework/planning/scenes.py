@@ -92,10 +92,9 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """
     chosen, path = _scene_and_path(robot, name)
     stated = {key: value for key, value in vars(chosen).items() if key in OPTIONS}  # options of the scene
-    set_options = {key for key, value in options.items() if value is not None}
 
     # the scene's goal gives way
-    fixes_duration = "duration" in set_options and chosen.optimize == "time"
+    fixes_duration = options.get("duration") is not None and chosen.optimize == "time"
     if fixes_duration or options.get("law") == "polynomial" or options.get("times") in ((), []):
         stated["optimize"] = None
 
@@ -107,6 +106,6 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
         stated.update(times=None, speeds=None)
 
     # its duration gives way to a law that finds its own
-    if options.get("optimize") == "time" or "longest" in set_options:
+    if options.get("optimize") == "time" or options.get("longest") is not None:
         stated["duration"] = None
     return Request.of(robot, path, **{**stated, **options})

@@ -27,7 +27,6 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
-from framework.kinematics.linearised_loops import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, IntArray, select
@@ -104,7 +103,7 @@ class DerivativeBounds:
             terms=collect_terms(robot),
             linear=linear,
             constants=np.append(np.zeros(robot.n), robot.loops.constant),  # none in platform equations
-            row_scale=1.0 / equation_sizes(robot),
+            row_scale=1.0 / robot.equation_sizes,
             rounding=FRAME_ROUNDING * max_length / robot.structure.row_sizes.min(initial=1.0),
         )
 

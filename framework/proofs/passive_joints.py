@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.kinematics.closures import scaled_equations
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
-from framework.kinematics.linearised_loops import equation_sizes, linearised_at, passive_matrix, type1_matrix
+from framework.kinematics.linearised_loops import linearised_at, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import cross
@@ -154,7 +154,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     if robot.structure.varies:
         return False
     linearised = linearised_at(robot, q[None])
-    values = linearised.residual / equation_sizes(robot)  # (1, n + loops)
+    values = linearised.residual / robot.equation_sizes  # (1, n + loops)
     J = type1_matrix(robot, linearised)  # of platform and loops
     if not platform_locked:
         values = values[:, robot.n :]

@@ -28,7 +28,6 @@ from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    equation_sizes,
     independent_loops_matrix,
     linearised_at,
     passive_matrix,
@@ -138,7 +137,7 @@ class LocusEquations:
         robot = self.robot
         linearised = linearised_at(robot, q, bases=bases)
         measure = measure_gradient(robot, linearised, border)
-        gaps = (linearised.residual / equation_sizes(robot))[:, robot.n :]  # (S, m) of the loops
+        gaps = (linearised.residual / robot.equation_sizes)[:, robot.n :]  # (S, m) of the loops
         offsets, offset_slopes = self._fixed_offsets(linearised)
         # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
         slopes = [
@@ -241,12 +240,13 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
     return q[step_size < NEWTON_STEP]
 
 
-def trace_curve(
-    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
-) -> Curve:
-    """Trace the curve through a start (S = 1), in both directions in one stack.
+def trace_curves(
+    equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
+) -> list[Curve]:
+    """Trace the distinct curves through S starts, all in both directions in one stack.
 
-    Each step aims at a turn of the tangent by `turn_share` of MAX_TANGENT_TURN; one that fails is quartered.
+    A curve on whose start another one arrives is the same, and is given up. Each step aims at a turn of the
+    tangent by `turn_share` of MAX_TANGENT_TURN; one that fails is quartered.
 
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
@@ -257,29 +257,42 @@ def trace_curve(
     max_growth = 2.0  # ratio of a step to the previous one
     max_points = 3000  # from a start in one direction
     longest = min(longest, MAX_STEP)
-    traced = [start], [start.negate_tangents()]  # points (S = 1 each) forward and backward
-    ends = ["", ""]  # why they end, as in `Curve.ends`; empty for a direction that goes on
-    step = np.full(2, min(FIRST_STEP, longest))
-    curvature = np.zeros((2, start.tangent.shape[1]))  # (2, k) unknown at the start
-    while not all(ends) and ends[0] != "closed":
-        live = [k for k in range(2) if not ends[k]]
-        points = join([traced[k][-1] for k in live])  # S = 2, or 1
+    count = len(starts.q)  # S: directions k and k + S belong to the k-th start
+    points = join([starts, starts.negate_tangents()])  # the newest ones of the directions that go on, `live`
+    live = np.arange(2 * count)
+    computed = [points]  # all points, and their numbers along each direction
+    total = 2 * count
+    numbers = [[k] for k in range(total)]
+    closing = dict[int, list[int]]()  # numbers of the points of closed curves, by start
+    ends = [""] * (2 * count)  # why they end, as in `Curve.ends`; empty for a direction that goes on
+    step = np.full(2 * count, min(FIRST_STEP, longest))
+    curvature = np.zeros(points.tangent.shape)  # (2 S, k) unknown at the start
+    offsets = equations.offsets(starts.q, points.q[:, None])  # (live, S, k) of the points from all starts
+    while len(live):
         ahead, arrives = advance(equations, points, step[live], curvature[live])
         is_inside = inside(ahead.q)
-        for row, k in enumerate(live):
+        next_offsets = equations.offsets(starts.q, ahead.q[:, None])
+        arrives_at = _passes(offsets, next_offsets)  # (live, S) whether a start is on the chord
+        for row in np.argsort(live % count, kind="stable").tolist():
+            k = int(live[row])
+            own = k % count
+            if ends[k]:  # this curve is given up, or has closed
+                continue
             if not arrives[row]:
                 step[k] *= STALL_RATIO
                 ends[k] = "stalled" if step[k] < MIN_STEP else ""
                 continue
-            next_point = ahead.single(row)
-            if len(traced[k]) > 1 and passes_point(equations, join([traced[k][-1], next_point]), start):
-                traced[k].append(traced[k][0])
-                ends[k] = "closed"
+            for other in np.flatnonzero(arrives_at[row]).tolist():
+                if other != own:
+                    ends[other] = ends[other + count] = "same"
+            if arrives_at[row, own] and len(numbers[k]) > 1:
+                ends[own] = ends[own + count] = "closed"
+                closing[own] = [*numbers[k], own]
                 continue
-            traced[k].append(next_point)
+            numbers[k].append(total + row)
             if not is_inside[row]:
                 ends[k] = "left"
-            elif len(traced[k]) == max_points:
+            elif len(numbers[k]) == max_points:
                 ends[k] = "long"
 
             # the turn of the tangent grows with the step: choose the next one for the turn aimed at
@@ -287,26 +300,45 @@ def trace_curve(
             curvature[k] = change / step[k]
             turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
             step[k] = min(step[k] * min(turn_share * MAX_TANGENT_TURN / turn, max_growth), longest)
-    forward, backward = map(join, traced)
-    if ends[0] == "closed":
-        return Curve(forward, ("closed", "closed"))
-    other_half = select(backward.reverse_order(), slice(-1))  # the start is the first point of `forward`
-    return Curve(join([other_half, forward]), (ends[1], ends[0]))
+        total += len(live)
+        computed.append(ahead)
+        goes_on = np.array([not ends[k] for k in live])
+        stays, moves = np.flatnonzero(goes_on & ~arrives), np.flatnonzero(goes_on & arrives)
+        live = np.concatenate([live[stays], live[moves]])
+        points = join([select(points, stays), select(ahead, moves)])
+        offsets = np.concatenate([offsets[stays], next_offsets[moves]])
+
+    traced = join(computed)
+    curves = list[Curve]()
+    for k in range(count):
+        start = starts.single(k)
+        if ends[k] == "same" or any(passes_point(equations, curve.points, start) for curve in curves):
+            continue
+        if k in closing:
+            curves.append(Curve(select(traced, closing[k]), ("closed", "closed")))
+            continue
+        backward = select(traced, numbers[k + count][1:]).reverse_order()
+        forward = select(traced, numbers[k])
+        curves.append(Curve(join([backward, forward]), (ends[k + count], ends[k])))
+    return curves
 
 
 def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
-    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords.
-
-    A chord passes through the point if its distance from the point is below MAX_CURVE_OFFSET chord lengths.
-    """
+    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords."""
     offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
-    chord = np.diff(offsets, axis=0)  # (m - 1, k)
-    length = np.linalg.norm(chord, axis=1)
-    from_start = -offsets[:-1]  # from the start of each chord to the point
-    distance = np.linalg.norm(chord_offsets(from_start, chord), axis=1)
-    is_close = distance < MAX_CURVE_OFFSET * length
-    is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
-    return bool(np.any(is_close & is_step))
+    return bool(_passes(offsets[:-1], offsets[1:]).any())
+
+
+def _passes(first: Array, second: Array) -> BoolArray:
+    """Return whether chords pass through a point, from which their ends are at offsets (..., k).
+
+    The distance of the point from the chord must be below MAX_CURVE_OFFSET chord lengths.
+    """
+    chord = second - first
+    length = np.linalg.norm(chord, axis=-1)
+    distance = np.linalg.norm(chord_offsets(-first, chord), axis=-1)
+    # a chord longer than two steps is a jump of a hinge by a whole turn
+    return np.asarray((distance < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP))
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:

@@ -74,8 +74,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     Raises:
         InvalidInput: q is not assembled.
     """
-    closed = assembled_at(robot, q)
-    linearised = closed.linearised
+    linearised = assembled_at(robot, q)
 
     type1_value, type2_value = _least_singular_values(robot, linearised)
     usual_type1_value, usual_type2_value = _least_singular_values(robot, linearised_at_reference(robot))
@@ -101,7 +100,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     twist = linearised.platform[0] @ measure.motion[0]
     return JoggedPose(
         q=q,
-        x=closed.x[0],
+        x=linearised.x[0],
         motors=robot.actuated_coordinates(q[None])[0],
         g=float(measure.g[0]) if has_measure else None,
         smallest=type2_value if has_measure else None,
@@ -213,23 +212,20 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
     def pose_after(share: float) -> JoggedPose:
         """Compute the pose after a share of the motion, or at the end of the working mode."""
         end = x + share * (target - x)  # (n,) straight ahead, until the working mode ends
-        q = start.q[0]
         if np.array_equal(end, start.x[0]):
-            return describe_jogged_pose(robot, q)
+            return describe_jogged_pose(robot, start.q[0])
         try:
-            followed = follow_path(robot, Line(start.x[0], end), start.linearised)
-            q = followed.last.q[0]
-            linearised = followed.last.linearised
+            followed = follow_path(robot, Line(start.x[0], end), start)
+            last = followed.last.linearised
             if followed.complete:
-                return describe_jogged_pose(robot, q)
+                return describe_jogged_pose(robot, last.q[0])
         except NotAssembled:  # the start is singular
-            q = start.q[0]
-            linearised = start.linearised
+            last = start
         reason = (
-            f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded "
+            f"The edge of the workspace: the leg of {weakest_leg(robot, last)} is stretched or folded "
             f"here (Type 1 singularity) and reaches no further in this working mode."
         )
-        return describe_jogged_pose(robot, q, reason)
+        return describe_jogged_pose(robot, last.q[0], reason)
 
     return _stop_at_limits(robot, start.q[0], pose_after)
 

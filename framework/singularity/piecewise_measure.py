@@ -51,12 +51,12 @@ class MeasuredMatrix:
     def loops(self, start: float, end: float) -> LinearisedLoops:
         """Return the linearised loops at the nodes (T = SHEET_NODES) of a panel from start to end, in s."""
         if (start, end) not in self.panel_loops:
-            self.panel_loops[start, end] = self.branch.close(panel_nodes(start, end)).linearised
+            self.panel_loops[start, end] = self.branch.close(panel_nodes(start, end))
         return self.panel_loops[start, end]
 
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
-        return self.matrix(self.branch.close(s).linearised)
+        return self.matrix(self.branch.close(s))
 
     def count_lost_ranks(self, s: float) -> int:
         """Count the singular values that vanish at s."""

@@ -127,9 +127,9 @@ class SingularPoint(ReadOnlyArrays):
         return self.condition.acceleration(speed)
 
     @property
-    def is_imposed(self) -> bool:
-        """Whether the user imposes the point."""
-        return self.contact == "imposed"
+    def is_at_path_end(self) -> bool:
+        """Whether the path starts or ends at the point."""
+        return not SAME_PLACE < self.s < 1.0 - SAME_PLACE
 
 
 class SearchedPath(NamedTuple):
@@ -306,7 +306,7 @@ def _is_type_1(type1: MeasuredMatrix, s: float) -> bool:
     pose is not of Type 1; the Type 2 matrix loses rank there, too.
     """
     branch = type1.branch
-    linearised = branch.close(s).linearised
+    linearised = branch.close(s)
     type1_value = least_singular_values(type1.matrix(linearised)[0])
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
     # Type 1 if only its own matrix is singular. s is exact only to rounding, so its least value is not zero
@@ -324,7 +324,7 @@ def _singular_point(passive: MeasuredMatrix, contact: Contact) -> SingularPoint:
     singular values, without sign.
     """
     branch, s, slope = passive.branch, contact.s, contact.slope
-    linearised = branch.close(s).linearised if contact.pose is None else contact.pose
+    linearised = branch.close(s) if contact.pose is None else contact.pose
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     freeze(linearised)
     if slope is None and uncontrolled.corank > 1:
@@ -355,7 +355,7 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     n_e = robot.n_e
     if not n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(n_e, np.nan)
-    linearised = branch.close(np.array([point.s])).linearised
+    linearised = branch.close(np.array([point.s]))
     gradient = measure_gradient(robot, linearised).by_q[0]  # dg/dq (nv,)
 
     # slopes of g along the path, and along each deflection with the platform at rest

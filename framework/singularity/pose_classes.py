@@ -38,7 +38,7 @@ from framework.kinematics.assembly import nearby_configurations
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
-    ClosedStack,
+    LinearisedLoops,
     assembled_at,
     clearance,
     linearised_at,
@@ -52,8 +52,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import least_singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, Border, solve_bordered
-from framework.singularity.distances import singularity_distances
-from framework.singularity.type2 import twist_norm, uncontrolled_space
+from framework.singularity.distances import Distances, pressure_angles
+from framework.singularity.type2 import signed_measure, twist_norm, uncontrolled_space
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 NAMES = {
@@ -125,9 +125,8 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
             axes differs from that of the degrees of freedom; or `along` is given at a pose where the platform
             does not determine the joints.
     """
-    closed = assembled_at(robot, q)
+    linearised = assembled_at(robot, q)
     require_square(robot)
-    linearised = closed.linearised
     space = uncontrolled_space(robot, linearised)
     # (k, n + m) unit motions of the joints with the platform locked, motors first
     locked_motions = null_directions(type1_matrix(robot, linearised)[0])
@@ -137,7 +136,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     legs = _motors_moving_at_rest(robot, locked_motions[:, : robot.n_a], gained)
     if legs is not None:
         kinds.add("type_1")
-    if space.corank and _is_singular_everywhere(robot, closed.q[0]):
+    if space.corank and _is_singular_everywhere(robot, linearised.q[0]):
         kinds.add("architectural")
 
     contact = ""
@@ -147,12 +146,15 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
                 f"along: the platform of {robot.name} does not determine its joints there (a Type 1 "
                 f"singularity, or of its loops), so no path is followed"
             )
-        contact = _classify_contact(robot, closed, along, space.corank)
+        contact = _classify_contact(robot, linearised, along, space.corank)
 
     twists = np.zeros((0, robot.n))
     if "type_2" in kinds:
         twists = _unit_twists(robot, space.motions @ linearised.platform[0].T)
-    distances = singularity_distances(robot, linearised)
+    distances = Distances(robot, linearised)
+    pressure_angle = pressure_angles(robot, distances.J)[0]
+    norm, largest = distances.worst_torques(np.ones(robot.n_a))
+    motor_norm, motor_largest = distances.worst_torques(robot.gear_ratio)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in kinds),
         legs=legs or (),
@@ -162,10 +164,14 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         gained=gained,
         contact=contact,
         length=robot.length,
-        pressure_angle=distances.pressure_angle[0],
-        transmission_angle=distances.transmission_angle[0],
-        # the distances with one number for each configuration have the same names in both records
-        **{name: float(values[0]) for name, values in distances._asdict().items() if values.ndim == 1},
+        pressure_angle=pressure_angle,
+        transmission_angle=np.pi / 2 - pressure_angle,
+        g=float(signed_measure(robot, linearised)[0]),
+        sigma_A=float(distances.sigma_A[0]),
+        torque_norm=float(norm[0]),
+        torque_largest=float(largest[0]),
+        motor_torque_norm=float(motor_norm[0]),
+        motor_torque_largest=float(motor_largest[0]),
     )
 
 
@@ -206,7 +212,7 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     return np.array(units).reshape(-1, robot.n)  # (0, n) without any
 
 
-def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
+def _classify_contact(robot: ParallelRobot, closed: LinearisedLoops, along: ArrayLike, corank: int) -> str:
     """Return the contact of a direction with the locus at a `closed` pose (T = 1): transversal or tangential.
 
     The contact is transversal if all `corank` vanishing singular values change at first order. With the
@@ -218,7 +224,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist, _ = robot.platform.twist(closed.x, dx[None])
-    rates = joint_rates(robot, closed.linearised, twist)[0]
+    rates = joint_rates(robot, closed, twist)[0]
     size = np.linalg.norm(rates / robot.column_scale)  # dimensionless
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")

@@ -125,7 +125,7 @@ def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | No
     if panel.border.b.shape[1] > 1:
         return None
     for _ in range(max_poses):
-        pose = measured.branch.close(np.array([s])).linearised
+        pose = measured.branch.close(np.array([s]))
         matrix = measured.matrix(pose)  # (1, n, n)
         border = Border.of(matrix[0])
         if measured.border_width(border.values) > 1:

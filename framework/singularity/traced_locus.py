@@ -34,9 +34,6 @@ from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
     MAX_STEP,
-    MIN_STEP,
-    STALL_RATIO,
-    STALLED,
     Curve,
     LocusEquations,
     Points,
@@ -44,7 +41,7 @@ from framework.singularity.curve_tracing import (
     curve_points,
     find_solutions,
     passes_point,
-    trace_curve,
+    trace_curves,
 )
 from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
@@ -140,7 +137,7 @@ def trace_locus(
     whole("starts", starts)  # none where `near` suffices
     closed = assembled_at(robot, q)
     equations = LocusEquations.of(robot, closed.q[0], closed.x[0], free)
-    mode = leg_signs(robot, closed.linearised)[0] if one_mode else None
+    mode = leg_signs(robot, closed)[0] if one_mode else None
     region = Region(equations, closed.q[0], reach * robot.length, mode)
     if one_mode:
         guesses = draw_in_mode(region, starts)  # (starts, nq)
@@ -172,58 +169,31 @@ def _trace_branches(
         Each curve with its branch points (S = 1 each).
     """
     max_curves = 100  # after which no further branches are traced
+    max_starts = 16  # traced in one stack: more would mostly be on the same curves
     points = curve_points(solutions, equations.evaluate(solutions), previous=None)
-    # points with their curves, where these are known
-    starts: list[tuple[Points, Curve | None]] = [(points.single(k), None) for k in range(len(solutions))]
-    are_tested = False
+    starts = [points.single(k) for k in range(len(solutions))]
     curves = list[tuple[Curve, list[Points]]]()
-
-    def is_new(point: Points) -> bool:
-        """Return whether no curve traced so far passes through a point."""
-        return not any(passes_point(equations, traced.points, point) for traced, _ in curves)
-
-    while starts and len(curves) < max_curves:
-        start, curve = starts.pop(0)
-        if not is_new(start):
-            continue
-        curve = curve or trace_curve(equations, start, region.contains, longest)
-        if curve.ends == STALLED and not are_tested:
-            # such starts come in numbers, as along the end of a leg's reach: test the others in one stack
-            starts = _end_stalled(equations, [one for one in starts if is_new(one[0])], longest)
-            are_tested = True
-        along = curve.points
-        changes = np.flatnonzero(along.determinant[1:] * along.determinant[:-1] < 0)  # of det [dF/du ; t']
-        crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
-        curves.append((curve, crossings))
-        for crossing in crossings:
-            branches = _points_on_crossing_curve(equations, crossing)
-            starts += [(point, None) for point in branches if region.contains(point.q)[0]]
+    while len(curves) < max_curves:
+        starts = [
+            point
+            for point in starts
+            if not any(passes_point(equations, traced.points, point) for traced, _ in curves)
+        ]
+        if not starts:
+            break
+        stride = -(-len(starts) // max_starts)
+        tried = starts[::stride]
+        del starts[::stride]
+        for curve in trace_curves(equations, join(tried), region.contains, longest):
+            along = curve.points
+            determinant = along.determinant  # of [dF/du ; t']
+            changes = np.flatnonzero(determinant[1:] * determinant[:-1] < 0)
+            crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
+            curves.append((curve, crossings))
+            for crossing in crossings:
+                branches = _points_on_crossing_curve(equations, crossing)
+                starts += [point for point in branches if region.contains(point.q)[0]]
     return curves
-
-
-def _end_stalled(
-    equations: LocusEquations, starts: list[tuple[Points, Curve | None]], longest: float
-) -> list[tuple[Points, Curve | None]]:
-    """Return all starts, those that stall with their curve: the point alone.
-
-    A start stalls if no step, from the first down to MIN_STEP, arrives at another point of the locus, neither
-    along its tangent nor against it. `longest` [rad, robot lengths] limits the steps.
-    """
-    if not starts:
-        return starts
-    forward = join([point for point, _ in starts])
-    backward = forward.negate_tangents()
-    stalled = np.arange(len(starts))  # indices of the starts from which no step has arrived yet
-    step = min(FIRST_STEP, longest)
-    while len(stalled) and step >= MIN_STEP:
-        tried = join([select(forward, stalled), select(backward, stalled)])
-        _, arrives = advance(equations, tried, np.full(len(tried.q), step), np.zeros_like(tried.tangent))
-        arrives_forward, arrives_backward = np.split(arrives, 2)
-        stalled = stalled[~(arrives_forward | arrives_backward)]
-        step *= STALL_RATIO
-    return [
-        (point, Curve(point, STALLED) if k in stalled else curve) for k, (point, curve) in enumerate(starts)
-    ]
 
 
 def _describe_curve(

@@ -17,7 +17,7 @@ import numpy as np
 from framework.kinematics.closures import loop_force_changes
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    instantaneous_motions,
+    moving_loops,
     passive_matrix,
     passive_motion,
     type2_matrix,
@@ -57,7 +57,7 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     at all.
     """
     space = uncontrolled_space(robot, linearised, at_least=1)
-    kind = next(kind for kind in PRECEDENCE if kind in space.kinds)
+    kind = min(space.kinds, key=PRECEDENCE.index)
     twists = space.motions @ linearised.platform[0].T  # (corank, n)
     twist, motion = twists[-1], space.motions[-1]  # those of the least singular value
     if kind != "type_2":
@@ -110,9 +110,10 @@ def uncontrolled_space(
     null_vectors = null_directions(P, at_least=min(at_least, P.shape[1]))  # (c, n_p) dimensionless rates
     corank = len(null_vectors)  # c
     motions = passive_motion(robot, null_vectors)  # (c, nv)
-    freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
+    # (f, moving) rates that the loops allow with motors free, orthonormal in radians and robot lengths
+    freedoms = null_directions(moving_loops(robot, linearised)[0])
     # freedoms beyond the usual number, that of moving joints minus that of independent loop equations
-    gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
+    gained = len(freedoms) - (len(robot.moving) - len(robot.loops.names))
     twists = linearised.frames.frame_jacobian()[0].T.copy()  # (nv, 6) of the platform for unit joint rates
     twists[:, :3] /= robot.length  # linear velocities in lengths of the robot
 
@@ -123,7 +124,8 @@ def uncontrolled_space(
 
     kinds = set()
     if gained > 0:  # the loops have lost rank
-        gains_freedom = _count_rank(freedoms.T @ twists[robot.moving]) > robot.n  # whether the platform does
+        units = robot.column_scale[robot.moving]
+        gains_freedom = _count_rank(freedoms * units @ twists[robot.moving]) > robot.n  # of the platform
         kinds.add("constraint" if gains_freedom else "closure")
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
@@ -134,7 +136,7 @@ def uncontrolled_space(
             kinds.add("type_2")
         if corank > max(rank, gained):  # the platform rests in some motions
             kinds.add("leg_passive")
-    return UncontrolledSpace(frozenset(kinds), motions, freedoms.shape[1])
+    return UncontrolledSpace(frozenset(kinds), motions, len(freedoms))
 
 
 def _count_rank(rows: Array) -> int:

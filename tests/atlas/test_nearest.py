@@ -12,7 +12,7 @@ from framework.atlas import nearest
 from framework.atlas.nearest import nearest_singular_pose
 from framework.atlas.sweep import PoseReason
 from framework.kinematics.linearised_loops import assembled_at
-from framework.singularity.distances import singularity_distances
+from framework.singularity.distances import Distances
 from tests.oracles import five_bar_pose
 
 ROBOT = "five_bar"
@@ -71,7 +71,7 @@ def test_all_rays_that_meet_the_locus_count():
     robot = robots.load("par4")  # eight of 600 rays do, and Newton's method leaves it from some
     found = nearest_singular_pose(robot, assemble(robot, (-0.05, 0.05, -0.85, 1.0)), max_cells=FEW)
     assert found.distance < 0.39977
-    assert singularity_distances(robot, assembled_at(robot, found.q).linearised).sigma_A[0] < 1e-7
+    assert Distances(robot, assembled_at(robot, found.q)).sigma_A[0] < 1e-7
 
 
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("delta", "orthoglide", "gough_stewart")]
@@ -82,7 +82,7 @@ def test_what_is_found_is_singular_and_lies_across_the_locus(name):
     robot = robots.load(name)
     found = nearest_singular_pose(robot, robot.reference, max_cells=FEW)
     assert 0 < found.at_least <= found.distance
-    assert singularity_distances(robot, assembled_at(robot, found.q).linearised).sigma_A[0] < 1e-7
+    assert Distances(robot, assembled_at(robot, found.q)).sigma_A[0] < 1e-7
     scale = np.where(robot.translations, 1.0 if robot.translations.all() else robot.length, 1.0)
     assert np.linalg.norm((found.x - robot.reference.x) / scale) == pytest.approx(found.distance, rel=1e-12)
 

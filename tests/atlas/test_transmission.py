@@ -109,6 +109,41 @@ def test_without_mass_in_the_linkage_nothing_is_left_of_the_error():
     assert result.errors[0].nothing_known > 1
 
 
+MJCF_LEG = """\
+<mujoco><compiler angle="radian"/>
+ <worldbody><body name="thigh"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+  <body name="crank" pos="0 0.02 0.1"><joint name="crank" axis="0 1 0" armature="0.03"/>
+   <inertial pos="0.02 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+   <body name="rod" pos="0.05 0 0"><joint name="ball" type="ball"/>
+    <inertial pos="0 0 -0.1" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/><site name="end" pos="0 0 -0.2"/></body>
+  </body>
+  <body name="foot" pos="0 0 -0.1"><joint name="flex" axis="0 1 0" range="-0.4 0.3" armature="0.002"/>
+   <inertial pos="0.05 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
+   <site name="eye" pos="0.05 0.02 0"/></body>
+ </body></worldbody>
+ <equality><connect site1="end" site2="eye"/></equality>
+ <actuator><motor joint="crank" forcerange="-40 40"/></actuator>
+</mujoco>"""
+
+
+def test_a_file_of_a_legged_robot_states_its_rotors_as_armature(tmp_path, crossing):
+    """A parallelogram turns motor and foot alike: the foot feels the armature itself, within the limits."""
+    (tmp_path / "leg.xml").write_text(MJCF_LEG)
+    words = ("--platform-joints", "flex", "--base", "thigh", "--out", tmp_path)
+    assert crossing("convert", tmp_path / "leg.xml", *words)[0] == 0
+    (file,) = tmp_path.glob("*.yaml")
+    result = transmission(ParallelRobot.from_file(file), frequencies=[4.0], points=5, posture=[0.0])
+    np.testing.assert_allclose(result.x[[0, -1], 0], [-0.4, 0.3])
+    np.testing.assert_allclose(result.rotors[:, 0, 0], 0.03, rtol=1e-9)
+    np.testing.assert_allclose(result.carried[:, 0, 0], 1e-3 + 0.5 * 0.05**2 + 0.002, rtol=1e-9)
+    total = result.carried + result.links + result.rotors
+    np.testing.assert_allclose(total, result.inertia, rtol=1e-12)
+    (error,) = result.errors
+    largest = 0.03 * 0.2 * (8 * np.pi) ** 2  # [N m] of the rotor in the sine
+    assert error.nothing_known[0] - error.own_armature[0] > 0.95 * largest
+    np.testing.assert_allclose(error.own_armature, error.constant_armature, rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_the_command_writes_a_table_and_three_pictures(tmp_path, document, crossing):
     words = (

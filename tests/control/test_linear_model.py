@@ -351,6 +351,9 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
     assert (told["sensors"], told["studies"][0]["controller"]) == ("motors", "lqg")
     assert told["tried"] == [{"sensors": "motors", "passed": 20, "runs": 20}]
     assert {one["sensors"] for one in told["predicted"]} >= {"motors", "motors elbows"}
+    alone = [*short[:-1], "0"]
+    assert document(*alone)["predicted"] == told["predicted"]
+    assert "--runs 0" in refusal(2, *alone, "--out", "here")
     swept = document(*short, "--sweep", "bandwidth=5..40")
     gains = [study["controller"] for study in swept["studies"]]
     assert gains[0] == "feedforward bandwidth=5"

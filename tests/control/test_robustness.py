@@ -271,7 +271,7 @@ def test_the_command_takes_a_plan_that_was_written(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (["--runs", "0"], "--runs"),
+        (["--runs", "-1"], "--runs"),
         (["--workers", "0"], "--workers"),
         (["--payload", "-1"], "payload"),
         (["--period", "7"], "period"),

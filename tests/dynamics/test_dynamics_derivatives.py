@@ -24,6 +24,7 @@ from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motion_at
+from framework.model.description import JointDynamics, LineSpring
 from framework.model.readers import parse_any
 from tests.kinematics.test_couplings import cardan_in
 from tests.model.readers.foreign_files import DATA, without_dry_friction
@@ -54,7 +55,18 @@ def on_balls():
     return ParallelRobot.from_description(without_dry_friction(replace(description, joints={})))
 
 
+def with_springs():
+    """The 5R with a spring and damper between two points and a spring on a joint."""
+    description = robots.load("five_bar").description
+    pull = LineSpring(("base", "left_tip"), stiffness=300.0, rest=0.2, damping=5.0)
+    elbow = JointDynamics(armature=0.01, damping=0.5, stiffness=3.0, rest=0.2)
+    return ParallelRobot.from_description(
+        replace(description, line_springs=(pull,), joints={"left_elbow": elbow})
+    )
+
+
 OTHERS = {
+    "springs": lambda _: with_springs(),
     "distance": lambda _: ParallelRobot.from_description(
         without_right_rod(robots.load("five_bar").description)
     ),
@@ -201,6 +213,7 @@ def test_the_regressor_gives_what_bodies_ask_of_the_motors(robot):
         rotor_inertia=0.0 * robot.rotor_inertia,
         joint_damping=0.0 * robot.joint_damping,
         joint_stiffness=0.0 * robot.joint_stiffness,
+        line_springs=robots.load("five_bar").line_springs,  # none
     )
     armature = bare.model.armature.copy()
     bare.model.armature[:] = 0.0

@@ -30,7 +30,7 @@ def moving(robot, q, seed: int) -> Motion:
     rng = np.random.default_rng(seed)
     v, a = rng.standard_normal((2, 1, robot.model.nv)) * robot.column_scale
     closed = assembled_at(robot, q)
-    return Motion(closed.q, v, a, closed.linearised)
+    return Motion(closed.q, v, a, closed)
 
 
 def allowed_motions(robot, q):

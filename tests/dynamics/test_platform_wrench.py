@@ -36,7 +36,7 @@ def test_along_t_s_the_motors_can_give_nothing_at_the_crossing_and_much_beside_i
     (crossing,) = plan.crossings
     s = np.array([crossing.s - 0.05, crossing.s])
     closed = close_loops(plan.robot, plan.path(s), plan.dynamics.configuration(plan.duration * s))
-    G, _ = motor_speeds(plan.robot, closed.linearised)
+    G, _ = motor_speeds(plan.robot, closed)
     reach = np.abs(G @ crossing.twist).sum(axis=1)
     assert reach[1] < 1e-9 * np.abs(G).max()  # G t_s = 0 at s to rounding, and G is steep there
     assert reach[0] > 1e-2 * np.abs(G[0]).max()

@@ -38,6 +38,12 @@ def test_the_stiffness_of_the_5r_is_that_of_its_legs(x, flexibility):
     np.testing.assert_allclose(found.stiffness, K, rtol=0, atol=1e-10 * np.abs(K).max())
     squares = np.linalg.eigvalsh(K) / five_bar_pose.PAYLOAD
     np.testing.assert_allclose(found.squares, squares, rtol=0, atol=1e-10 * squares.max())
+    if x is not SINGULAR:
+        free_across = np.linalg.det(K) / np.diagonal(K)[::-1]  # K_xx - K_xy^2 / K_yy, and the same of y
+        np.testing.assert_allclose(found.along_axes, free_across, rtol=1e-9)
+    softest = found.softest_direction
+    np.testing.assert_allclose(K @ softest, np.linalg.eigvalsh(K)[0] * softest, atol=1e-10 * np.abs(K).max())
+    assert softest[np.abs(softest).argmax()] > 0.5
 
 
 def test_at_type_2_stiffness_and_compliance_across_stay_finite_and_along_t_s_nothing_holds():

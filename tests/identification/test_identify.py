@@ -94,10 +94,16 @@ def test_torques_held_out_are_predicted_and_the_bodies_can_exist(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("motion", ["stroke", "to and fro", "sines"])
-def test_intervals_hold_the_truth_as_often_as_they_say(motion):
+@pytest.mark.parametrize(
+    ("name", "motion"),
+    [
+        *(("five_bar_heavy", motion) for motion in MOTIONS),
+        ("three_rrr", "to and fro"),  # whose accelerations are four times their noise
+    ],
+)
+def test_intervals_hold_the_truth_as_often_as_they_say(name, motion):
     """Intervals of 95 %, in 40 runs whose 10 parameters share the noise: within 4 points of it."""
-    found = measure_coverage("five_bar_heavy", motion, RUNS)
+    found = measure_coverage(name, motion, RUNS)
     assert found.share() == pytest.approx(0.95, abs=0.04)
     friction = found.determined.mean(axis=0)[-1]
     assert friction > 0.9
@@ -294,6 +300,7 @@ def exchange(columns):
 
 RIGHT_TORQUE = "torque_right_motor"
 RIGHT_MOTOR = ("motor_angle_right_motor", RIGHT_TORQUE)
+ANGLES = ("motor_angle_left_motor", RIGHT_MOTOR[0])
 LEFT_MOTOR = ("motor_angle_left_motor", "torque_left_motor")
 EXCHANGED = tuple(zip(LEFT_MOTOR, RIGHT_MOTOR, strict=True))  # angles, torques
 
@@ -317,6 +324,11 @@ EXCHANGED = tuple(zip(LEFT_MOTOR, RIGHT_MOTOR, strict=True))  # angles, torques
         pytest.param(scale([5, 6], 1e3), Conversions(units={"platform": "mm"}), marks=pytest.mark.slow),
         pytest.param(exchange([1, 2]), Conversions(swaps=dict(EXCHANGED[:1])), marks=pytest.mark.slow),
         pytest.param(exchange([3, 4]), Conversions(swaps=dict(EXCHANGED[1:])), marks=pytest.mark.slow),
+        pytest.param(
+            scale([1, 2], 1.0 / 50.0),
+            Conversions(units=dict.fromkeys(ANGLES, "50")),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(exchange([1, 3, 4, 2]), Conversions(swaps=dict(EXCHANGED)), marks=pytest.mark.slow),
     ],
     ids=lambda value: str(value) if isinstance(value, Conversions) else "",
@@ -330,6 +342,18 @@ def test_a_mistaken_column_is_named_with_the_option_that_declares_it(change, dec
     back = declared.convert(wrong)
     columns = [back.names.index(name) for name in data.names]
     np.testing.assert_allclose(back.values[:, columns], data.values, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_zero_that_no_platform_tells_is_told_by_the_torques():
+    robot = NOMINAL["five_bar_heavy"]
+    data = measured(sines(robot, duration=2.0, rate=200.0, size=0.04, seed=3), robot, 0)
+    values = data.values[:, :5].copy()
+    values[:, 2] += 0.05 * robot.gear_ratio[1]
+    with pytest.raises(InvalidInput, match="--zero motor_angle_right_motor=") as said:
+        identify(robot, Recording("shifted", data.names[:5], values))
+    zero = float(str(said.value).partition("--zero motor_angle_right_motor=")[2].split()[0].strip("),"))
+    assert zero == pytest.approx(0.05 * robot.gear_ratio[1], rel=0.05)
 
 
 @pytest.mark.slow
@@ -465,6 +489,23 @@ def test_the_error_of_a_motion_without_a_singularity_is_known():
     values = planned_motors(plan_scene(robot, "pick"), 751)
     found = identify(robot, Recording("pick", motor_columns(robot), values), cutoff=20.0)
     assert (found.error_before < 0.02).all()
+
+
+@pytest.mark.parametrize("poses", ["motors", "platform"])
+def test_a_tracker_that_is_slower_and_later_leaves_the_rows_of_the_motors(poses):
+    """The poses are those of the motors at all rows from the tracker's first to its last."""
+    robot = NOMINAL["five_bar"]
+    plan = plan_scene(robot, "A")
+    values = planned_motors(plan, 301)
+    x = plan.platform(values[:, 0])
+    x[np.arange(301) % 4 != 2] = np.nan
+    data = Recording("A", (*motor_columns(robot), "platform_x", "platform_y"), np.column_stack([values, x]))
+    found = measured_motion(robot, data, cutoff=7.0, poses=poses)
+    first, last = (0, 301) if poses == "motors" else (2, 299)
+    np.testing.assert_array_equal(found.times, values[first:last, 0])
+    motors = robot.gear_ratio * robot.actuated_coordinates(found.motion.q)
+    np.testing.assert_allclose(motors, values[first:last, 1:3], rtol=0, atol=1e-3)
+    assert found.errors.accelerations.shape[0] == len(found.times)
 
 
 def test_a_motion_through_type_2_goes_by_the_platform():

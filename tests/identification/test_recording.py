@@ -147,6 +147,50 @@ def test_angles_that_begin_anew_are_declared_and_spikes_are_named_by_their_rows(
     check_signals(ROBOT, tracked, "motors")
 
 
+def test_turns_are_counted_over_gaps_where_the_speed_tells_them():
+    times = np.linspace(0.0, 2.0, 1001)
+    angles = 30.0 + 20.0 * np.sin(2.0 * times) ** 2  # up to 40 rad/s
+    wrapped = np.column_stack([times, np.mod(angles, 2.0 * np.pi), angles])
+    names = ("time", "motor_angle_left_motor", "motor_angle_right_motor")
+    count = Conversions(unwrapped=["motor_angle_left_motor"])
+    gap = np.delete(wrapped, slice(200, 320), axis=0)  # more than a turn, at a speed that hardly changes
+    assert 2.0 * np.pi < np.ptp(angles[199:321])
+    found = count.convert(Recording("gap", names, gap)).columns("motor_angle", ["left_motor", "right_motor"])
+    np.testing.assert_allclose(found[:, 0], found[:, 1] - 8.0 * np.pi, rtol=0, atol=1e-9)
+    wide = np.delete(wrapped, slice(100, 600), axis=0)  # the motor turns back in it
+    with pytest.raises(InvalidInput, match="more or fewer turns between sample 100 and sample 101; record"):
+        count.convert(Recording("wide", names, wide))
+    with pytest.raises(InvalidInput, match="half a turn or more from one sample to the next"):
+        count.convert(Recording("slow", names, wrapped[::120]))
+
+
+def test_counts_of_an_encoder_are_declared_by_their_size():
+    times = np.linspace(0.0, 1.0, 100)
+    counts = np.round(4096.0 / (2.0 * np.pi) * np.sin(times))
+    values = np.column_stack([times, counts, np.sin(times), times, times])
+    data = Recording("log", tuple(HEADER.split(",")[:5]), values)
+    with pytest.raises(InvalidInput, match=r"motor_angle_left_motor has whole numbers alone.*=SIZE declares"):
+        check_signals(ROBOT, data)
+    radians = Conversions(units={"motor_angle_left_motor": f"{2.0 * np.pi / 4096.0!r}"}).convert(data)
+    angles = radians.columns("motor_angle", ROBOT.actuator_names)
+    np.testing.assert_allclose(angles[:, 0], angles[:, 1], rtol=0, atol=np.pi / 4096.0)
+    check_signals(ROBOT, radians)
+    for size in ("0", "nan", "inf"):
+        with pytest.raises(InvalidInput, match="unit of torque: needs a name or a number"):
+            Conversions(units={"torque": size}).convert(data)
+
+
+def test_rows_without_a_slower_tracker_are_rows_of_the_motors(tmp_path):
+    header = HEADER.replace("note", "platform_x")
+    lines = [header, ROWS[0], ROWS[1].removesuffix("7"), ROWS[1].removesuffix("7"), ROWS[2]]
+    data = read_recording(ROBOT, written(tmp_path, lines))
+    np.testing.assert_array_equal(data.column("time"), [0.0, 0.1, 0.2])
+    assert data.left_out == 1  # which repeats one
+    poses = data.complete()
+    np.testing.assert_array_equal(poses.column("time"), [0.0, 0.2])
+    assert (poses.left_out, poses.row(1)) == (2, "line 5")
+
+
 def test_columns_are_converted_as_declared_and_rows_counted_as_in_a_spreadsheet(tmp_path):
     data = read_recording(ROBOT, written(tmp_path, [HEADER, ROWS[0], "", *ROWS[1:]]))
     assert [data.row(k) for k in range(3)] == ["line 2", "line 4", "line 5"]

@@ -69,6 +69,6 @@ def test_planned_torques_bring_the_head_along_while_its_rods_turn(acting):
 def test_without_damping_or_armature_of_balls_idle_turns_rest():
     robot = head(damping=0.0, armature=0.0)
     closed = close_loops(robot, robot.reference.x[None], robot.reference.q[None])
-    assert idle_turns(robot, closed.linearised) is None
+    assert idle_turns(robot, closed) is None
     motion = motion_at(robot, closed, np.ones((1, 6)), np.ones((1, 6)))
     assert not motion.v[:, robot.structure.idle].any()

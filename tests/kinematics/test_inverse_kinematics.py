@@ -33,7 +33,7 @@ def test_a_leg_folded_upon_itself_belongs_to_no_working_mode(robot, beside):
 
 def test_signs_of_the_modes_are_those_of_the_determinants(robot):
     branch = track_path(robot, Line([0.1, 0.345], [-0.05, 0.195]))  # through a Type 2 singularity
-    linearised = branch.close(np.linspace(0.0, 1.0, 12)).linearised
+    linearised = branch.close(np.linspace(0.0, 1.0, 12))
     working, assembly = mode_signs(robot, linearised)
     moving = np.concatenate([robot.actuated, robot.passive])
     np.testing.assert_array_equal(working, np.linalg.slogdet(linearised.jacobian[:, :, moving])[0])

@@ -170,7 +170,7 @@ def expect_signs(arms: TwoArms, robot: ParallelRobot, path: Line) -> None:
     """g has the sign of the sine of the angle between the rods, up to one sign of the robot."""
     s = np.linspace(0.0, 1.0, 41)
     closed = track_path(robot, path).close(s)
-    assert np.abs(closed.linearised.loops.residual).max() < 1e-12
+    assert np.abs(closed.loops.residual).max() < 1e-12
     motors, rods = arms.angles(closed.x)
     turns = robot.actuated_coordinates(closed.q) - motors.T
     assert np.abs(np.sin(0.5 * turns)).max() < 1e-12

@@ -91,7 +91,7 @@ def tree(links: int, *, kind: str = "revolute", star: bool = True) -> str:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (tree(20_001), "20001 links or joints; at most 5000"),
+        (tree(5001), "5001 links or joints; at most 5000"),
         (tree(5000, kind="fixed", star=False), "more than 1000 joints in a row"),
         (
             "<robot name='r'>" + "<a/>" * MAX_XML_ELEMENTS + "</robot>",
@@ -136,7 +136,7 @@ def test_more_joints_than_pinocchio_has_memory_for_are_refused(write_robot):
     )
 
 
-@pytest.mark.parametrize("levels", [5_000, 100_000])
+@pytest.mark.parametrize("levels", [5_000, 20_000])
 def test_deep_nesting_is_refused(write_robot, levels):
     file = write_robot(("frames", [{"name": "extra", "parent": "base"}]))  # so that the text is written anew
     urdf = file.with_name("five_bar.urdf")

@@ -34,7 +34,7 @@ def test_points_of_the_deflected_robot_are_singular_to_rounding(name, scene, siz
         def determinant(s):
             x = branch.path(np.array([s]))
             q = integrate(robot, branch.guess(np.array([s])), spring_step[None])
-            return np.linalg.det(type2_matrix(robot, close_loops(robot, x, q).linearised))[0]
+            return np.linalg.det(type2_matrix(robot, close_loops(robot, x, q)))[0]
 
         beside = max(10.0 * abs(s - point.s), 1e-6)
         assert s == pytest.approx(brentq(determinant, s - beside, s + beside, xtol=1e-15), rel=0, abs=1e-13)

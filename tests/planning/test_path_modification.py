@@ -10,6 +10,7 @@ from framework import Line, NoLaw, Spline, load_plan, locate_singularities, plan
 from framework.cli import main
 from framework.planning.path_modification import (
     MAX_BEND_SHARE,
+    _evaluate_bump,
     _Modification,
     plan_request_with_modified_path,
 )
@@ -102,3 +103,14 @@ def test_bends_to_either_side_are_found_to_nine_percent(least, side):
     share, _ = _Modification._find_least(SimpleNamespace(plan_bent=plan_bent))
     assert share * side == pytest.approx(1.1 * least, rel=0.1)
     assert max(np.abs(tried[:-1])) <= MAX_BEND_SHARE
+
+
+@pytest.mark.parametrize("c", [0.15, 0.4, 0.85])
+def test_a_bump_of_height_one_does_not_bend_at_the_crossing_nor_at_the_ends(c):
+    s = np.linspace(0.0, 1.0, 20001)
+    b = _evaluate_bump(s, c)
+    assert b.max() == pytest.approx(1.0, abs=1e-5)
+    bends = np.abs(np.diff(b, 2)) / s[1] ** 2  # |b"| at s[1:-1]
+    assert np.interp(c, s[1:-1], bends) < 1e-3 * bends.max()
+    assert max(bends[0], bends[-1]) < 1e-2 * bends.max()
+    np.testing.assert_allclose(_evaluate_bump(1.0 - s, 1.0 - c), b, atol=1e-12)

@@ -9,7 +9,8 @@ from framework.atlas.nearest import nearest_singular_pose
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.kinematics.linearised_loops import linearised_at
 from framework.proofs.regular_ball import prove_regular_ball
-from framework.singularity.distances import singularity_distances
+from framework.singularity.distances import Distances
+from framework.singularity.type2 import signed_measure
 from tests.oracles import five_bar_pose
 
 LENGTH, MOTORS = five_bar_pose.LENGTH, five_bar_pose.BASES
@@ -50,7 +51,7 @@ def test_a_near_miss_is_proved_regular_and_a_singular_pose_is_not():
     away = np.array([0.02, 0.15]) - on_locus.x
     x = on_locus.x + 4e-6 * away / np.linalg.norm(away)
     here = assemble(robot, x)
-    assert singularity_distances(robot, linearised_at(robot, here.q[None], here.x[None])).sigma_A[0] < 4e-5
+    assert Distances(robot, linearised_at(robot, here.q[None], here.x[None])).sigma_A[0] < 4e-5
     near = nearest_singular_pose(robot, here, within=1e-3)
     assert near.distance == pytest.approx(4e-6, rel=1e-3)
     assert 0.9 * near.distance < near.at_least <= near.distance
@@ -85,14 +86,14 @@ def test_no_way_out_of_the_pose_meets_a_singularity_in_the_ball(name):
     ways *= 0.999 * radius / np.linalg.norm(ways, axis=1, keepdims=True)
     start, q = np.repeat(here.x[None], len(ways), axis=0), np.repeat(here.q[None], len(ways), axis=0)
     ends = start + ways * robot.platform_scale
-    first = singularity_distances(robot, linearised_at(robot, q[:1], start[:1])).g[0]
+    first = signed_measure(robot, linearised_at(robot, q[:1], start[:1]))[0]
     for part in range(4):
         one, two = (start + (ends - start) * (part + more) / 4 for more in (0, 1))
         step = step_poses(robot, q, one, two, STEP_PARTS)
         assert (step.reason == PoseReason.REACHED).all()
         q = step.q
-        at = singularity_distances(robot, linearised_at(robot, q, two))
-        assert (np.sign(at.g) == np.sign(first)).all()
+        at = signed_measure(robot, linearised_at(robot, q, two))
+        assert (np.sign(at) == np.sign(first)).all()
 
 
 def test_turns_that_no_bound_is_known_for_are_not_called_regular():

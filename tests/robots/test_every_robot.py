@@ -124,8 +124,8 @@ def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
     _, v, a = grid.values(grid.fit(closed.q - closed.q[0]))
     # joints are known as loops are closed, the worse the shorter the levers; differentiation adds up the
     # errors of all nodes, twice amplifies them by about size^4 / 10
-    levers = np.linalg.pinv(closed.linearised.jacobian[:, :, robot.moving])
-    error = np.abs(closed.linearised.residual).max() + np.finfo(float).eps  # and that of looking at it
+    levers = np.linalg.pinv(closed.jacobian[:, :, robot.moving])
+    error = np.abs(closed.residual).max() + np.finfo(float).eps  # and that of looking at it
     known = error * np.abs(levers).sum(axis=2).max()
     most = np.abs(grid.values(grid.fit(np.eye(48)))[1]).sum(axis=1).max()
     np.testing.assert_allclose(motion.v, v, atol=known * most)

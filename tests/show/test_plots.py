@@ -113,10 +113,10 @@ def test_limits_of_the_request_and_of_the_file_are_drawn(write_robot, name, draw
         assert "dotted: limits" in ax.get_xlabel()
 
 
-@pytest.mark.parametrize("options", [{}, {"optimize": "time", "torque_limit": 0.2}], ids=["plain", "limited"])
-def test_no_label_is_cut_off_where_a_figure_is_saved_as_the_readme_says(options):
-    plan = plan_scene(robots.load("five_bar"), "C", **options)
-    ax = plots.plot_torques(plan)
+def test_no_label_is_cut_off_where_a_figure_is_saved_as_the_readme_says(write_robot):
+    robot = ParallelRobot.from_file(write_robot(("actuators.0.torque_limit", 300.0)))
+    ax = plots.plot_torques(plan_scene(robot, "C", law="polynomial"))
+    assert "dotted: limits" in ax.get_xlabel()
     ax.figure.draw_without_rendering()
     page = ax.figure.bbox
     for label in (ax.xaxis.label, ax.yaxis.label):

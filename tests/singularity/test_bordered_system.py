@@ -89,7 +89,7 @@ BESIDE = 5e-5 * np.array([1.0, -2.0, 0.0]) / np.sqrt(5.0)  # [m] from the axis o
 
 
 def linearised_on(robot, path):
-    return track_path(robot, path).close(S).linearised
+    return track_path(robot, path).close(S)
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_the_patch_is_singular_and_passes_the_crossing(name, scene):
     np.testing.assert_allclose(patch[middle, middle], found.platform[:3], atol=1e-9)
     targets = np.repeat(found.platform[None], patch[..., 0].size, axis=0)
     targets[:, :3] = patch.reshape(-1, 3)
-    linearised = close_loops(robot, targets, np.repeat(found.q[None], len(targets), axis=0)).linearised
+    linearised = close_loops(robot, targets, np.repeat(found.q[None], len(targets), axis=0))
     smallest = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)[:, -1]
     aside = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)[:, 0].max()
     assert smallest.max() < 1e-6 * aside

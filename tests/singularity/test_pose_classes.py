@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import InvalidInput, ParallelRobot, assemble, classify, dynamics_at
+from framework import InvalidInput, ParallelRobot, assemble, classify, dynamics_at, velocity_matrices
 from framework.kinematics.linearised_loops import linearised_at
 from framework.singularity import pose_classes, type2
 from robots.generators import delta, gough_stewart
@@ -223,6 +223,13 @@ def test_the_distances_of_the_5r_are_those_of_its_geometry(robot, point):
     left, right = ((point - elbow) / LINK for elbow in elbows(np.array(point)))
     between = np.arccos(np.abs(left @ right))  # of the two rods
     np.testing.assert_allclose(found.transmission_angle, between, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["delta", "agile_eye", "gough_stewart", "humanoid_knee", "two_arms"])
+def test_the_conditioning_is_that_of_orthonormal_rows_that_passive_joints_do_not_enter(name):
+    robot = robots.load(name)
+    A = velocity_matrices(robot, robot.reference.q).A * robot.platform_scale  # from a null space by QR
+    assert classify(robot, robot.reference.q).sigma_A == pytest.approx(np.linalg.svd(A).S[-1], rel=1e-12)
 
 
 def test_the_worst_torque_per_newton_is_reached_and_not_passed_by_statics():

@@ -139,7 +139,7 @@ def test_a_near_miss_is_told_with_its_place_and_how_near_it_is(gap):
     (miss,) = searched.near_misses
     assert miss.s == pytest.approx(0.5, abs=1e-7)
     over, _ = level(gap, across=True)
-    middle = track_path(without_rotors(), over).close(np.array([0.5])).linearised
+    middle = track_path(without_rotors(), over).close(np.array([0.5]))
     g = singularity_measure(without_rotors(), middle).g[0]
     assert abs(miss.g) == pytest.approx(abs(g), rel=0.02)
     assert miss.g * g < 0

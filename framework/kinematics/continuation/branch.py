@@ -21,7 +21,7 @@ from framework.kinematics.continuation.path_sheet import SHEET_NODES, BranchPose
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, difference_rates, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.linearised_loops import ClosedStack, linearised_at, type1_matrix
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -54,10 +54,19 @@ class Continuation(ReadOnlyArrays):
 
 
 def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Array:
-    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv)."""
+    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv).
+
+    T_k(x) = cos(k arccos x); beyond the interval, |x| > 1, it is sign(x)^k cosh(k arccosh |x|).
+    """
     start, end = interval
     local = (2 * s - start - end) / (end - start)
-    return np.asarray(chebyshev.chebval(local, series), dtype=float).T
+    k = np.arange(len(series))
+    polynomials = np.cos(np.arccos(local.clip(-1.0, 1.0))[:, None] * k)  # (T, degree + 1)
+    (beyond,) = (np.abs(local) > 1.0).nonzero()
+    if len(beyond):
+        x = local[beyond, None]
+        polynomials[beyond] = np.sign(x) ** k * np.cosh(np.arccosh(np.abs(x)) * k)
+    return polynomials @ series
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,18 +131,18 @@ class Branch(ReadOnlyArrays):
 
     def guess(self, s: Array) -> Array:
         """Compute guesses (T, nq) at s (T,), from which Newton's method converges to the branch."""
-        series = self.series
-        u = series(s.clip(0.0, 1.0))
-        for outside, panel in ((s < 0.0, 0), (s > 1.0, -1)):  # the first and the last panel go on
-            if outside.any():
-                ends = series.edges[:2] if panel == 0 else series.edges[-2:]
-                u[outside] = _chebyshev_values(series.coefficients[panel], ends, s[outside])
+        edges = self.series.edges
+        panel = edges[1:-1].searchsorted(s, side="right")  # (T,) of each s; beyond the ends the nearest one
+        u = np.empty((len(s), self.robot.nv))
+        for p in set(panel.tolist()):
+            inside = panel == p
+            u[inside] = _chebyshev_values(self.series.coefficients[p], edges[p : p + 2], s[inside])
         for continuation in self.continuations:
             covered = (s >= continuation.start) & (s <= continuation.end)
             u[covered] = continuation.offset(s[covered])
         return integrate(self.robot, self.origin, u)
 
-    def close(self, s: ArrayLike) -> ClosedStack:
+    def close(self, s: ArrayLike) -> LinearisedLoops:
         """Compute assembled configurations on the branch at s (T,).
 
         In the core of a continuation Newton's method fails; the guesses, accurate to rounding, are returned.
@@ -150,7 +159,7 @@ class Branch(ReadOnlyArrays):
         q = guess.copy()
         if not in_core.all():
             q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q
-        return ClosedStack(q, x, linearised_at(self.robot, q, x))
+        return linearised_at(self.robot, q, x)
 
     def is_continued(self, s: Array) -> BoolArray:
         """Return whether each s (T,) lies in the core of a continuation, (T,)."""

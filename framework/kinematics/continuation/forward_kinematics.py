@@ -99,8 +99,8 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None = No
     if isinstance(near, ForwardPose) and near.robot is robot:  # assembled: it needs no check
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
-    least = float(clearance(robot, closed.linearised)[0])
-    return _pose_at(robot, closed.linearised, closed.x[0], 0, least)
+    least = float(clearance(robot, closed)[0])
+    return _pose_at(robot, closed, closed.x[0], 0, least)
 
 
 def check_motors_are_free(robot: ParallelRobot) -> None:

@@ -19,7 +19,6 @@ from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     clearance,
-    equation_sizes,
     independent_loops_matrix,
     linearised_at,
 )
@@ -148,7 +147,7 @@ def _motor_equations(robot: ParallelRobot, linearised: LinearisedLoops, turn: Ar
     loops = independent_loops_matrix(robot, linearised)  # (R, m, nv)
     by_share = np.matvec(loops, turn / robot.column_scale)
     return MotorEquations(
-        values=linearised.residual[:, robot.n :] / equation_sizes(robot)[robot.n :],
+        values=linearised.residual[:, robot.n :] / robot.equation_sizes[robot.n :],
         slopes=np.concatenate([loops[:, :, robot.following], by_share[:, :, None]], axis=2),
         bases=linearised.bases,
     )

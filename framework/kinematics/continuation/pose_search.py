@@ -29,7 +29,6 @@ from framework.kinematics.frames import difference, full_motion, integrate, inte
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    equation_sizes,
     independent_loops_matrix,
     linearised_at,
 )
@@ -118,7 +117,7 @@ class PoseSearch:
         self.robot, self._motors_hold = robot, motors_hold
         # (f,) units of the moving joints, by which they become dimensionless: [m] of slides, 1 of turns
         self._units = robot.column_scale[robot.moving]
-        self._row_sizes = equation_sizes(robot)[robot.n :]  # (m,) by which the loop equations do
+        self._row_sizes = robot.equation_sizes[robot.n :]  # (m,) by which the loop equations do
         self._unit_size, self._unit = distance_unit(robot)
         self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._units
         self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known

@@ -37,7 +37,6 @@ from framework.kinematics.inverse_kinematics import close_each, close_loops, req
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     count_lost_ranks,
-    equation_sizes,
     linearised_at,
     linearised_at_reference,
     type1_matrix,
@@ -86,7 +85,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         return reference
     require_square(robot)
     if _is_near_reference(robot, target):
-        linearised, steps = close_loops(robot, target[None], reference.q[None]).linearised, 1
+        linearised, steps = close_loops(robot, target[None], reference.q[None]), 1
     else:
         followed = _follow_from_reference(robot, target)
         linearised = followed.last.linearised
@@ -165,7 +164,7 @@ def follow_path(
     if panels:
         last = panels[-1].last
     else:
-        start = close_loops(robot, path(np.zeros(1)), pose.frames.q).linearised
+        start = close_loops(robot, path(np.zeros(1)), pose.q)
         last = with_tangents(robot, path, np.zeros(1), start)
     return FollowedPath(tuple(panels), tuple(_follow_steps(robot, path, last, to_the_end=to_the_end)))
 
@@ -227,7 +226,7 @@ def _take_step(
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
     """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
-    sizes = equation_sizes(robot)  # (n + m,) by which the equations become dimensionless
+    sizes = robot.equation_sizes  # (n + m,) by which the equations become dimensionless
     at_rest = np.zeros((1, robot.nv))  # no joint but the moving ones follows a prescribed motion
 
     def evaluate(q: Array, share: Array, _: IntArray) -> CurveEquations:

@@ -336,7 +336,7 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     """
     expect_robot(robot)
     closed = assembled_at(robot, q)
-    working_sign, assembly_sign = (int(sign[0]) for sign in mode_signs(robot, closed.linearised))
+    working_sign, assembly_sign = (int(sign[0]) for sign in mode_signs(robot, closed))
     motors = robot.actuated_coordinates(closed.q)[0]
     return Pose(
         robot=robot.name,
@@ -347,6 +347,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
         joints=robot.reference_values(closed.q[0]),
         working_mode=working_sign,
         assembly_mode=assembly_sign,
-        closure_error=float(closed.linearised.gap[0]),
+        closure_error=float(closed.gap[0]),
         exceeded=positions_beyond_limits(robot.limits, closed.q),
     )

@@ -289,6 +289,9 @@ def motions_near_reference(description: RobotDescription) -> LoopMotions:
         within = [not positions_beyond_limits(mechanism.limits, pose[None]) for pose in poses]
         q = poses[int(np.argmax(clearance + 2.0 * np.array(within)))]
         remarks.append(BESIDE_SINGULARITY)
+        beside, _ = assemble_mechanism(mechanism.with_nearby_pose(q))
+        if beside.rounded.names:  # some rows are independent there by rounding alone
+            mechanism, rank = beside, numerical_rank(joint_loops_matrix(beside, q))
     if beyond := positions_beyond_limits(mechanism.limits, q[None]):
         places = "; ".join(f"{joint} at {place}" for joint, place in beyond.items())
         remarks.append(f"reference: outside the joints' ranges: {places}")

@@ -12,9 +12,11 @@ shapes of meshes are ignored. The file says nothing about the platform.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations_with_replacement
+from math import factorial, prod
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
@@ -28,7 +30,6 @@ from framework.model.description import (
     Closure,
     JointDynamics,
     LineSpring,
-    Polynomial,
     Product,
     locked_axes,
 )
@@ -37,7 +38,14 @@ from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import check_expansion, compile_mjcf, member_name
 from framework.model.readers.urdf_tree import MAX_LOOPS, Transmission, UnreadElement, UrdfTree
 from framework.model.urdf_edits import add_chain, free_name, inertial_element, vector_text, visual_element
-from framework.model.urdf_elements import COORDINATE_SUFFIXES, Joint, ParsedRobot, Tree, coordinates_of
+from framework.model.urdf_elements import (
+    COORDINATE_SUFFIXES,
+    SIZES_OF_SHAPES,
+    Joint,
+    ParsedRobot,
+    Tree,
+    coordinates_of,
+)
 from framework.numerics.arrays import Array
 
 # Members of MuJoCo's enumerations, by name. Joints in terms of a URDF:
@@ -314,11 +322,7 @@ class _Model:
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
         children = [tree.joints[joint].child for joint in all_arms]  # links, whose turns may be equal
-        products = {}
-        if polynomial[2:].any() and len(second) <= MAX_TERMS:
-            products = {
-                product: -value for product, value in _expand_powers(second, polynomial.tolist()).items()
-            }
+        products = _expand_powers(second, (-polynomial).tolist()) if len(second) <= MAX_TERMS else {}
         if polynomial[2:].any() and (len(second) > MAX_TERMS or len(products) > MAX_TERMS):
             problem = f"powers of a length of {len(second)} joints; at most {MAX_TERMS} products are read"
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
@@ -459,30 +463,23 @@ class _Model:
 
 
 def _expand_powers(arms: Mapping[str, float], coefficients: Sequence[float]) -> dict[Product, float]:
-    """Expand the sum over k >= 2 of c_k L^k by products of joint coordinates q_j.
+    """Expand the sum over k >= 2 of c_k L^k, with L = sum(arm q), by products of joint coordinates q.
 
-    L is the sum of arm_j q_j over the joints; c_0 and c_1, its constant and its linear part, are left out.
+    By the multinomial theorem a product of k coordinates stands in L^k as often as its factors have orders.
 
     Args:
-        arms: arm_j of each joint.
-        coefficients: c_0, c_1, ...
+        arms: arm of each joint.
+        coefficients: c_0, c_1, ..., of which the first two are left out.
 
     Returns:
         The coefficient of each product, which is the sorted tuple of its joints.
     """
-    expanded = defaultdict[Product, float](float)
-    power: Polynomial = {(): 1.0}  # L^k
-    for k, coefficient in enumerate(coefficients):
-        if k > 0:
-            last = power
-            power = defaultdict[Product, float](float)
-            for product, factor in last.items():
-                for joint, arm in arms.items():
-                    power[tuple(sorted((*product, joint)))] += factor * arm
-        for product, factor in power.items():
-            if k > 1 and coefficient * factor:
-                expanded[product] += coefficient * factor
-    return dict(expanded)
+    expanded = {}
+    for k, coefficient in enumerate(coefficients[2:], 2):
+        for product in combinations_with_replacement(sorted(arms), k if coefficient else 0):
+            orders = factorial(k) // prod(factorial(count) for count in Counter(product).values())
+            expanded[product] = coefficient * orders * prod(arms[joint] for joint in product)
+    return {product: value for product, value in expanded.items() if product and value}
 
 
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
@@ -504,11 +501,9 @@ def _make_visual(shape: str, size: Array, origin: Array) -> Element:
         size: (3,) [m] as MuJoCo has it: half edges of a box; radius and half length of others.
         origin: (4, 4) placement in the link.
     """
-    if shape == "box":
-        sizes = {"size": vector_text(2 * size)}
-    else:
-        radius, half_length, _ = map(float, size)
-        sizes = {"radius": repr(radius)}
-        if shape == "cylinder":
-            sizes["length"] = repr(2 * half_length)
-    return visual_element(shape, sizes, origin)
+    texts = {
+        "size": vector_text(2 * size),
+        "radius": repr(float(size[0])),
+        "length": repr(2 * float(size[1])),
+    }
+    return visual_element(shape, {key: texts[key] for key in SIZES_OF_SHAPES[shape]}, origin)

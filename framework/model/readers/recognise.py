@@ -129,6 +129,8 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
     readers = {"robot": read_urdf, "mujoco": read_mjcf, "sdf": read_sdf, "gazebo": read_sdf}
     root = parse_xml(text)
+    if root.tag == "mujocoinclude":
+        raise RobotFileError("<mujocoinclude>: a part that MuJoCo's files include: give one that includes it")
     check_name("unknown dialect", "root element", root.tag, readers)
     try:
         return readers[root.tag](path, root, options)

@@ -6,7 +6,7 @@ The reader supports
 - frames and poses with `relative_to` and `attached_to`;
 - joints fixed, revolute, prismatic, universal, revolute2, ball and screw, with limits, damping, friction,
   springs and `<mimic>`;
-- inertias and primitive shapes.
+- inertias, also those of solid primitive shapes (`auto`), and primitive shapes.
 
 A screw becomes a hinge and a coupled slide, and cannot close a loop. A joint whose parent is a `<frame>`
 stands in that frame, so loops may be open in the poses of the file. Loops are cut first at joints without
@@ -26,7 +26,9 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
+import coal
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import RobotFileError, check_name
 from framework.model.description import Coupling, JointDynamics, locked_axes
@@ -43,6 +45,7 @@ from framework.model.readers.sdf_scope import (
     drop_detached,
     end_name,
     read_placement,
+    read_pose,
     scoped_name,
 )
 from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
@@ -57,7 +60,7 @@ from framework.model.urdf_elements import (
     parse_limit,
     symmetric_matrix,
 )
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.fields import vector3
 
 # kinds of joints by their type in the file
@@ -95,6 +98,8 @@ _DEFAULT_INERTIA = {
     "inertia/ixz": "0",
     "inertia/iyz": "0",
 }
+_AUTO_DENSITY = "1000"  # [kg/m^3] of collisions whose density the file does not state
+_SOLIDS = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
 _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the model
 
 
@@ -192,6 +197,10 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
         mass = child_text(link, "inertial/mass", "1")
         if child_text(link, "gravity", "1") in ("0", "false"):
             tree.left_out.append(UnreadElement(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
+        shapes = [next(iter(shape.find("geometry") or ()), shape).tag for shape in link.findall("collision")]
+        if _has_auto_inertia(link) and (others := sorted({*shapes} - {*SIZES_OF_SHAPES})):
+            what = f"link {name!r}: its <inertial auto> is that of a {', '.join(others)}, which is not read"
+            tree.left_out.append(UnreadElement(what, (name,), is_decisive=True))
         if name not in links:
             apart.append(f"{name} of {mass} kg")
     if apart:
@@ -421,24 +430,59 @@ def _make_link(scope: Scope, name: str) -> Element:
     link = Element("link", name=name)
     if name == WORLD:
         return link
-    where = f"link {name!r}"
-    element = scope.links[name]
-    inertial = element.find("inertial")
-    if inertial is None:
-        inertial = Element("inertial")
-    mass, *moments = _read_values(inertial, where, _DEFAULT_INERTIA)
-    body_pose = read_placement(inertial.find("pose"), where)  # (4, 4) of the centre of mass and its axes
-    axes = body_pose[:3, :3]
-    link.append(inertial_element(mass, body_pose[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
-    for visual in element.findall("visual"):
-        for shape, keys in SIZES_OF_SHAPES.items():
-            geometry = visual.find(f"geometry/{shape}")
-            if geometry is not None:
-                # a shape is only drawn, so that any size will do where the file has none
-                sizes = {key: child_text(geometry, key, "1") for key in keys}
-                shape_pose = read_placement(visual.find("pose"), where)
-                link.append(visual_element(shape, sizes, shape_pose))
+    link.append(_read_inertia(scope, name))
+    for shape, sizes, origin, _ in _primitive_shapes(scope, name, "visual"):
+        link.append(visual_element(shape, sizes, origin))
     return link
+
+
+def _primitive_shapes(
+    scope: Scope, link: str, tag: str
+) -> Iterator[tuple[str, dict[str, str], Array, Element]]:
+    """Yield each primitive shape of the visuals or collisions of a link, by their `tag`.
+
+    A shape is its own tag, the texts of its sizes, its placement (4, 4) in the link, and the element.
+    """
+    model = link.removesuffix(link.rpartition("::")[2])  # prefix of the model's names
+    to_link = invert_placement(scope.placement_of(link))
+    for element in scope.links[link].findall(tag):
+        for shape, keys in SIZES_OF_SHAPES.items():
+            if (geometry := element.find(f"geometry/{shape}")) is not None:
+                frame, pose = read_pose(element, model, link, f"link {link!r}")
+                sizes = {key: child_text(geometry, key, "1") for key in keys}
+                yield shape, sizes, to_link @ scope.placement_of(frame) @ pose, element
+
+
+def _read_inertia(scope: Scope, name: str) -> Element:
+    """Return the stated inertia of a link, that of its collisions if it is `auto`, else SDF's default."""
+    where, link = f"link {name!r}", scope.links[name]
+    stated = link.find("inertial")
+    inertial = Element("inertial") if stated is None else stated
+    if not _has_auto_inertia(link):
+        mass, *moments = _read_values(inertial, where, _DEFAULT_INERTIA)
+        body_pose = read_placement(inertial.find("pose"), where)  # (4, 4) of the centre of mass and its axes
+        axes = body_pose[:3, :3]
+        return inertial_element(mass, body_pose[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T)
+
+    body = pin.Inertia.Zero()
+    common = child_text(inertial, "density", _AUTO_DENSITY)
+    for shape, sizes, origin, collision in _primitive_shapes(scope, name, "collision"):
+        numbers: list[float] = []
+        for key, text in sizes.items():
+            numbers += parse_numbers(f"{where}: <{shape}>: <{key}>", text, 3 if key == "size" else 1)
+        solid = _SOLIDS[shape](*numbers)
+        (density,) = _read_values(collision, where, {"density": common})
+        mass = density * solid.computeVolume()
+        moment = density * solid.computeMomentofInertia()
+        body += pin.SE3(origin).act(pin.Inertia(mass, np.zeros(3), moment))
+    (mass,) = _read_values(inertial, where, {"mass": repr(body.mass)})  # stated, it replaces densities
+    return inertial_element(mass, body.lever, body.inertia * mass / max(body.mass, LEAST_DIVISOR))
+
+
+def _has_auto_inertia(link: Element) -> bool:
+    """Return whether the inertia of a link is that of its collisions."""
+    is_auto = any(inertial.get("auto") in TRUE_TEXTS for inertial in link.findall("inertial"))
+    return is_auto and link.find("collision") is not None
 
 
 def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:

@@ -175,7 +175,7 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
     model_frame = f"{scoped}::{MODEL_FRAME}"
     is_first = base == WORLD and not prefix and not scope.links  # in the world, without a link before it
     inner = "" if is_first else f"{scoped}::"  # prefix of the model's content
-    relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
+    relative_to, pose = read_pose(model, prefix, base, f"model {name!r}")
     scope.relative[model_frame] = (relative_to, pose)
     if is_first:  # its frame has the name without a prefix, too
         scope.relative[MODEL_FRAME] = (model_frame, np.eye(4))
@@ -249,7 +249,7 @@ def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None
         scope.joints[name] = element
         default_frame = end_name(element, "child")
         scope.attached.setdefault(name, default_frame)
-    pose = _read_pose(element, prefix, default_frame, f"{tag} {name!r}")
+    pose = read_pose(element, prefix, default_frame, f"{tag} {name!r}")
     # a joint may have the name of a link or frame, so its pose has a key of its own, too
     if tag == "joint":
         scope.relative[f"joint {name}"] = pose
@@ -309,7 +309,7 @@ def _constraint_elements(element: Element, kind: str, name: str) -> Iterator[Ele
 # ------------------------------------------------------------------ poses
 
 
-def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
+def read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
     """Read the pose of an element: a frame, and the placement (4, 4) in this frame.
 
     The frame is `default` unless the pose names another one in the model with the `prefix`.

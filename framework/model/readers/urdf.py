@@ -82,7 +82,7 @@ from framework.model.readers.sdf_scope import (
     add_content,
     drop_detached,
 )
-from framework.model.readers.urdf_tree import UrdfTree, read_urdf_tree
+from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, read_urdf_tree
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
@@ -319,7 +319,8 @@ def _close_joints_of_other_programs(tree: UrdfTree, elements: Sequence[Element])
     model.extend(plugin for element in gazebo for plugin in element.findall("plugin[child_link]"))
     model.extend(element for element in elements if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
-    drop_detached(scope)
+    detached = [item for item in drop_detached(scope) if item[1] in tree.links]
+    tree.left_out += [UnreadElement(text, (parent,)) for text, parent in detached]
     for name in scope.joints:
         close_joint(tree, make_joint(scope, name))
 

@@ -145,14 +145,14 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
     s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
     *forces, motion = PathForces.compute(branch, s, closed)
-    terms = balancing_torques(robot, closed.linearised, np.stack(forces)) / robot.gear_ratio
+    terms = balancing_torques(robot, closed, np.stack(forces)) / robot.gear_ratio
     # rotors resist the accelerations q" s'^2 + q' s" of the motors
     rotors = robot.rotor_inertia * robot.gear_ratio
     rates = motion.v[:, robot.actuated]
     terms[1] += rotors * motion.a[:, robot.actuated]
     terms[2] += rotors * rates
     has_friction = bool(robot.joint_friction[robot.actuated].any())
-    internal = internal_projectors(robot, closed.linearised) if robot.n_a > robot.n else None
+    internal = internal_projectors(robot, closed) if robot.n_a > robot.n else None
     speed = rates * robot.gear_ratio
     return Demand.compute(phi, sigma, PathTerms(*terms), speed, friction=has_friction, internal=internal)
 
@@ -230,7 +230,7 @@ def _conditions_at_points(
     s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
     # null vectors that are smooth along the path: the border is that of the singular pose
-    matrices = type2_matrix(robot, closed.linearised)
+    matrices = type2_matrix(robot, closed)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     uncontrolled = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
     *forces, _motion = PathForces.compute(branch, s, closed)

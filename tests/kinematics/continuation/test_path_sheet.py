@@ -51,7 +51,7 @@ def panel_beside(distance):
 def test_a_panel_that_jumps_to_another_mode_does_not_count(distance, sides, node):
     path, pose, panel, first_step = panel_beside(distance)
     q = np.concatenate([panel.q[:node], other_mode(panel.q[node:], sides)])
-    jumped = close_loops(ROBOT, path(panel.s), q).linearised
+    jumped = close_loops(ROBOT, path(panel.s), q)
     apart = np.abs(jumped.frames.q[node:] - panel.q[node:]).max()
     assert apart > 0.1 * np.sqrt(distance)  # it is the other mode
     poses = with_tangents(ROBOT, path, panel.s, jumped)

@@ -126,6 +126,16 @@ def test_a_limit_decides_which_pose_is_found(tmp_path, low, high, closes):
     assert low - 1e-12 <= crank <= high + 1e-12
 
 
+@pytest.mark.slow
+def test_limits_of_two_loops_are_blamed_loop_by_loop(tmp_path):
+    """Both skew four-bars have cranks that must be beyond 0.4 rad; each is enough for its own loop."""
+    limit = 'lower="-0.1" upper="0.4"'
+    elements = halves(HALVES["skew"], "left_", limit) + halves(HALVES["skew"], "right_", limit)
+    robot = linkage(tmp_path, elements, robot_file("left_", "right_"))
+    with pytest.raises(NotAssembled, match=r"limits, with \w+_crank position 0\.[5-9]\d* rad of 0\.4:"):
+        find_closed_pose(robot)
+
+
 @pytest.mark.parametrize(
     "far", [{}, {"motor_2": 1e5}, pytest.param({"motor_3": 1e6}, marks=pytest.mark.slow)]
 )

@@ -483,3 +483,43 @@ def test_frames_without_a_place_and_positions_of_fixed_joints_are_left_out(tmp_p
     described = read(tmp_path, five_bar(tool + fixed.format(position) + lost)).description
     assert described.urdf_text == plain.urdf_text
     assert described.reference == plain.reference
+
+
+def test_an_inertia_that_is_auto_is_that_of_solid_collisions(tmp_path):
+    """A rod with a ball at its end: masses by density, moments by Steiner; a stated mass scales them."""
+    r, length, ball, end = 0.01, 0.2, 0.02, 0.25
+    solid = (
+        '<inertial auto="true">{mass}</inertial>'
+        '<collision name="rod"><pose>{x} 0 0 0 1.5707963267948966 0</pose>'
+        "<density>2700</density><geometry><cylinder><radius>{r}</radius><length>{length}</length></cylinder>"
+        '</geometry></collision><collision name="ball"><pose relative_to="left_tip">0 0 0 0 0 0</pose>'
+        "<geometry><{shape}><radius>{ball}</radius></{shape}></geometry></collision>"
+    )
+    sizes = {"x": length / 2, "r": r, "length": length, "ball": ball}
+    start, _, rest = five_bar().partition('<link name="left_rod">')
+    pose, _, rest = rest.partition("<inertial>")
+    rest = rest.partition("</inertial>")[2]
+
+    def left_rod(mass: str = "", shape: str = "sphere") -> pin.Inertia:
+        text = solid.format(mass=mass, shape=shape, **sizes)
+        parsed = read(tmp_path, f'{start}<link name="left_rod">{pose}{text}{rest}', reference=POSE)
+        model = pin.buildModelFromXML(parsed.description.urdf_text)
+        return model.inertias[model.getJointId("left_elbow")]
+
+    rod, sphere = 2700.0 * np.pi * r**2 * length, 1000.0 * 4.0 / 3.0 * np.pi * ball**3
+    mass = rod + sphere
+    centre = (rod * length / 2 + sphere * end) / mass
+    across = rod * (3 * r**2 + length**2) / 12 + rod * (length / 2 - centre) ** 2
+    across += 0.4 * sphere * ball**2 + sphere * (end - centre) ** 2
+    body = left_rod()
+    np.testing.assert_allclose(body.lever, [centre, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose([body.mass, body.inertia[1, 1], body.inertia[2, 2]], [mass, across, across])
+    np.testing.assert_allclose(body.inertia[0, 0], rod * r**2 / 2 + 0.4 * sphere * ball**2)
+    heavy = left_rod("<mass>3</mass>")
+    np.testing.assert_allclose(
+        [heavy.mass, *heavy.inertia.ravel()], [3.0, *(3.0 / mass * body.inertia).ravel()]
+    )
+    with pytest.raises(
+        RobotFileError, match="left_rod': its <inertial auto> is that of a cone, which is not"
+    ):
+        left_rod(shape="cone")

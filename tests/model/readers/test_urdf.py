@@ -630,6 +630,10 @@ def test_gazebo_s_detachable_joint_closes_the_loop_of_a_urdf(tmp_path):
     description = read(tmp_path, ARMS.replace("</robot>", f"{plugin}</robot>"), motors=["ja"]).description
     (closure,) = description.closures
     assert (closure.frames[1], closure.axes) == ("end", locked_axes("fixed"))
+    grasp = plugin.replace(">end<", ">lid<").replace(">arms<", ">box<")  # of what is spawned later
+    text = ARMS.replace("</robot>", f"{plugin}{grasp}</robot>")
+    left_out = read(tmp_path, text, motors=["ja"]).description.left_out
+    assert any("DetachableJoint of tip and box::lid" in effect for effect in left_out)
 
 
 def test_transmissions_with_other_parts_are_named_and_do_not_stop_the_file(tmp_path):
@@ -650,3 +654,18 @@ def test_joints_that_controllers_of_gazebo_name_are_likely_motors(tmp_path):
     text = ARMS.replace("</robot>", f"{control}</robot>")
     description = read(tmp_path, text, closures=[["end", "tip", "revolute"]]).description
     assert description.motor_joints == ("jb",)
+
+
+def test_axes_that_are_rounded_take_no_freedom_beside_the_pose_of_the_file(tmp_path):
+    """Both elbows of a five-bar are tilted by 1e-6 about their rods, which moves the tip only beside it."""
+    tip = '<loop name="tip" type="spherical"><predecessor link="b"><origin xyz="0 0.3 0"/></predecessor>'
+    tip += '<successor link="d"><origin xyz="-0.3 0.2 0"/></successor></loop>'
+    left = joint("ja", "palm", "a") + joint("jb", "a", "b").replace("0 0 1", "0 1e-6 1")
+    right = joint("jc", "palm", "c").replace("0.2 0 0", "0.8 0 0")
+    right += joint("jd", "c", "d").replace("0.2 0 0", "-0.1 0.1 0").replace("0 0 1", "-1.2e-6 0.8e-6 1")
+    links = f'<link name="palm"/>{link("a")}{link("b")}{link("c")}{link("d")}'
+    text = f'<robot name="r">{links}{left}{right}{tip}</robot>'
+    robot = ParallelRobot.from_description(read(tmp_path, text).description)
+    exact = ParallelRobot.from_description(read(tmp_path, text.replace("e-6", "e-99")).description)
+    assert robot.actuator_names == exact.actuator_names == ("ja", "jc")
+    assert robot.rounded.names == ("tip.z",)

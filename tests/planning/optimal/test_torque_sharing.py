@@ -9,7 +9,11 @@ from scipy.optimize import linprog
 
 import robots
 from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
-from framework.dynamics.torque_distribution import _SharedMotion, second_differences
+from framework.dynamics.torque_distribution import (
+    _SharedMotion,
+    least_peak_torques,
+    second_differences,
+)
 from framework.laws.squared_speed import ONE_CELL, SpeedBasis, Stretch
 from framework.numerics.chebyshev import TimeGrid
 from framework.numerics.cone_program import Affine
@@ -214,3 +218,24 @@ def test_smoothness_counts_bends_of_the_speed_and_of_internal_torques_apart():
     expected = np.concatenate([alone @ y, bends])
     assert rows["y"].shape[0] == rows["x"].shape[0]
     np.testing.assert_allclose(rows["y"] @ y + rows["x"] @ x, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("limit", [(1.0, 2.0, 3.0), (1.0, np.inf, 0.5), (np.inf, np.inf, np.inf)])
+def test_the_least_peak_of_a_point_is_that_of_a_linear_program(limit):
+    """Internal torques x n of one redundant motor; motors without a limit do not count."""
+    rng = np.random.default_rng(1)
+    torques, n = rng.standard_normal((2, 6, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    found = least_peak_torques(torques, n[:, :, None] * n[:, None], np.array(limit), 1)
+    counted = np.isfinite(limit)
+    for old, new, along in zip(torques, found, n, strict=True):
+        x = along @ (new - old)
+        np.testing.assert_allclose(new, old + x * along, atol=1e-9)
+        if counted.any():
+            rows = np.array([[s * a, -b] for a, b in zip(along, limit, strict=True) for s in (1, -1)])
+            right = np.array([-s * t for t in old for s in (1, -1)])
+            kept = np.repeat(counted, 2)
+            least = linprog([0, 1], A_ub=rows[kept], b_ub=right[kept], bounds=[(None, None)] * 2).fun
+            assert np.max(np.abs(new) / limit) == pytest.approx(least, rel=1e-6)
+        else:
+            assert x == 0.0
