@@ -287,11 +287,14 @@ class ElasticSearch:
         problem = self._problem(share, places, is_explained=False)
         if problem.averages_open_duration:
             problem = problem._replace(average_over=suggest_time(best))
-        if about.rest > 1.0:
-            trust = min(trust, CORRECTION_TRUST)
         degree = len(about.response.y) - 1
         problem = problem._replace(response=about.response, degree=degree, trust=trust)
-        return require_law(problem, find_next_law(best, problem))
+        result = None
+        if about.rest > 1.0:  # nearby, if there is such a law
+            result = find_next_law(best, problem._replace(trust=min(trust, CORRECTION_TRUST)))
+        if not isinstance(result, Best):
+            result = find_next_law(best, problem)
+        return require_law(problem, result)
 
     def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:
         """Return the problem of the task within a share of its limits.
