@@ -171,6 +171,9 @@ class SparseRows:
 
     def gram(self) -> SparseRows:
         """Compute A'A (n, n) of the matrix A."""
+        if 2 * len(self.values) > self.shape[0] * self.shape[1]:  # dense: products of columns
+            dense = self.toarray()
+            return SparseRows.of(np.einsum("ki,kj->ij", dense, dense))
         counts = np.bincount(self.row, minlength=self.shape[0])[self.row]  # of the entries of each one's row
         first = np.arange(len(self.row)).repeat(counts)
         number_in_row = np.arange(len(first)) - (counts.cumsum() - counts).repeat(counts)

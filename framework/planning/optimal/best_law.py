@@ -86,20 +86,11 @@ def find_best_law(
     return _search_smooth(SmoothSearch(program, units, least, share), is_least_new=True)
 
 
-def resume_law(
-    best: Best,
-    problem: LawProblem,
-    *,
-    share: float | None = None,
-    former_cost: float = 0.0,
-    part: float = 0.0,
-) -> Best | NoneFound:
+def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
     """Find the law of a problem similar to that of `best`, on the same cells and with the same rows.
 
     Args:
         share: of the least cost for smoothness; by default that of `best`.
-        former_cost: of a motion, over which the law is to gain.
-        part: of what the least cost gains over it, for smoothness if that is more than the share.
     """
     program = SpeedProgram.on_cells(problem, best.program.cells)
     if len(best.program.further_xi):
@@ -113,8 +104,6 @@ def resume_law(
         units=least_cost.units,
         share=best.search.share if share is None else share,
     )
-    gain = former_cost / search.least_cost - 1.0
-    search = search._replace(share=max(search.share, part * gain))
     return _search_smooth(search, best.speed, is_least_new=True)
 
 
@@ -180,7 +169,7 @@ def _search_smooth(
                 search, smooth = search.find_smooth()
             if isinstance(smooth, Speed):
                 # keep the law; add rows where it exceeds limits between the points
-                best = _make_best(search, smooth)
+                best = make_best(search, smooth)
                 similar = smooth
                 exceeded = find_exceeded_places(search.program, smooth, search.bounds)
                 if not len(exceeded):
@@ -205,7 +194,7 @@ def _search_smooth(
     return best or NoneFound(search.program, "limits are exceeded between the points")
 
 
-def _make_best(search: SmoothSearch, speed: Speed) -> Best:
+def make_best(search: SmoothSearch, speed: Speed) -> Best:
     """Make the law of a speed that has the required instants.
 
     Args:

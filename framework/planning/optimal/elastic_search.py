@@ -5,8 +5,8 @@ An elastic robot cannot follow every law. A law is replaced by the nearest serie
 
 The first law is a smooth one of the undeformed robot. Several are tried in turn, each smoother than the last
 one, until deflections are resolved and springs are at rest at both ends. About a motion in balance, torques
-and the motion of springs at the ends are linear in the law to first order (`torque_response`). A cone program
-with these rows gives the next law, as long as the certified motion gains by it.
+and the motion of springs at the ends are linear in the law to first order (`torque_response`). Quadratic
+programs with these rows give the next law (`next_law`), as long as the certified motion gains by it.
 """
 
 from __future__ import annotations
@@ -41,10 +41,12 @@ from framework.planning.optimal.elastic_balance import find_law_in_balance, meas
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, cost_of, find_least_cost
 from framework.planning.optimal.least_softening import find_least_softening
+from framework.planning.optimal.next_law import find_next_law
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import (
     problem_of,
+    require_law,
     settle_tangents,
     solve_problem,
     suggest_time,
@@ -64,16 +66,14 @@ from framework.tolerances import (
 )
 
 SERIES_DEGREE = 40  # of z as one series
-MAX_STEPS, PATIENCE = 12, 4  # steps from one start, and those of them without a better motion
+MAX_STEPS = 12  # from one start
 MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflected robot is singular
-# share of z by which a law may differ from that about which torques are linear: at first if springs carry
-# inertia, to correct their motion at the ends, and the least; factor after a failure
+# share of z by which a law may differ from that about which torques are linear: at first, where springs
+# move at the ends, and the least; factor after a failure
 FIRST_TRUST, CORRECTION_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.1, 0.05, 0.4
-NEARLY_ALLOWED = 1.0 + PEAK_TORQUE_MISMATCH  # ratio to a limit, from which lower limits lead back
-MAX_FOLLOWED_REST = 10.0  # motion of springs at the ends (`measure_rest`) from which laws may settle
-MAX_WORSENING = 3.0  # of a motion after an allowed one (`Iterate.worst`), to correct the former
-# left to smoothness: share of a next law's cost, and part of what the law may gain over the last motion
-NEXT_SHARE, PART_OF_GAIN = 2e-3, 0.25
+MAX_FOLLOWED_REST = 50.0  # motion of springs at the ends (`measure_rest`) above which a law is given up
+EXCESS_PENALTY, REST_PENALTY = 3.0, 0.02  # of the logarithm of the cost
+MAX_DETOURS = 2  # steps on from motions that are worse than the best
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
 WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 5e-3
 CAP_REACHED = 0.98  # largest squared speed of a first law over its cap, from which the cap may raise the cost
@@ -129,6 +129,12 @@ class Iterate:
     def worst(self) -> float:
         """The excess or the motion at an end, whichever is larger; at most 1 is allowed."""
         return max(self.excess, self.rest)
+
+    def merit(self, goal: str) -> float:
+        """Return the logarithm of the cost by a goal, and penalties of what is not allowed."""
+        over = max(self.excess - 1.0, 0.0)
+        unrest = max(self.rest - 1.0, 0.0)
+        return float(np.log(self.motion.cost(goal))) + EXCESS_PENALTY * over + REST_PENALTY * unrest
 
     @cached_property
     def response(self) -> TorqueResponse:
@@ -269,31 +275,26 @@ class ElasticSearch:
             problem = problem._replace(max_squared_speed=start.max_squared_speed / duration**2)
         return solve_problem(problem, share=start.share, similar=similar)
 
-    def _find_next_law(self, about: Iterate, trust: float, share: float, *, is_known: bool) -> Best:
+    def _find_next_law(self, about: Iterate, trust: float, share: float) -> Best:
         """Find the best law near a motion in balance, with torques linear in the law.
-
-        A motion that is not allowed is corrected first, nearby and at the same cost. One that is nearly
-        allowed is corrected only after a failure.
 
         Args:
             trust: share of z by which the law may differ.
             share: of the limits that may be used.
-            is_known: whether a motion near this one is allowed, or nearly.
         """
         best = about.motion.best
         places = [crossing.s for crossing in about.motion.dynamics.crossings]
         problem = self._problem(share, places, is_explained=False)
         if problem.averages_open_duration:
             problem = problem._replace(average_over=suggest_time(best))
-        is_corrected = about.worst > (NEARLY_ALLOWED if trust >= FIRST_TRUST else 1.0)
-        if is_corrected and is_known and about.response.holds_rest:
-            trust = min(trust, CORRECTION_TRUST)
         degree = len(about.response.y) - 1
         problem = problem._replace(response=about.response, degree=degree, trust=trust)
-        goal = problem.specification.goal
-        part = 1.0 if is_corrected else PART_OF_GAIN
-        former_cost = about.motion.cost(goal)
-        return solve_problem(problem, share=NEXT_SHARE, similar=best, former_cost=former_cost, part=part)
+        result = None
+        if about.rest > 1.0:  # nearby, if there is such a law
+            result = find_next_law(best, problem._replace(trust=min(trust, CORRECTION_TRUST)))
+        if not isinstance(result, Best):
+            result = find_next_law(best, problem)
+        return require_law(problem, result)
 
     def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:
         """Return the problem of the task within a share of its limits.
@@ -336,55 +337,52 @@ class ElasticSearch:
     def _improve(self, law: Best) -> Iterator[Iterate]:
         """Yield motions in balance: under the law nearest to a first one, and under better laws.
 
-        Torques are linearised about the last motion, also if it exceeds limits or is not at rest, as long as
-        it does so less than the one before, or little after an allowed one. After a failure the next law is
-        sought nearer to the best motion.
+        Torques are linearised about the last motion, also if it is worse than the best by its merit: the next
+        step may correct it. After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and
+        after a step without a motion, the next law is sought nearer to the best motion.
         """
         goal = self.task.specification.goal
-        about = self._balance_law(law, None)
+        about = best = self._balance_law(law, None)
         yield about
-        base = about if about.worst <= NEARLY_ALLOWED else None  # to return to after a failure
-        best = about if about.worst <= 1.0 else None
-        if best is not None and about.motion.has_predicted_peak and _is_near_least(law):
+        if best.worst <= 1.0 and best.motion.has_predicted_peak and _is_near_least(law):
             return  # deflections change nothing
-        trust = FIRST_TRUST if about.response.holds_rest else np.inf
+        trust = FIRST_TRUST
         share = 1.0 - LIMIT_MARGIN  # what is left for torques that are not linear
-        idle_steps = 0
+        detours = 0  # steps since the best motion
+        is_any_allowed = best.worst <= 1.0
         for _ in range(MAX_STEPS):
-            if best is not None and idle_steps == PATIENCE:
-                return
-            idle_steps += 1
+            new = None
             try:
-                law = self._find_next_law(about, trust, share, is_known=base is not None)
-                if best is not None and law.cost >= (1.0 - WORTHWHILE_GAIN) * best.motion.cost(goal):
+                law = self._find_next_law(about, trust, share)
+                if best.worst > 1.0 or law.cost < (1.0 - WORTHWHILE_GAIN) * best.motion.cost(goal):
+                    new = self._balance_law(law, about)
+                elif about is best:
                     return
-                new = self._balance_law(law, about)
             except FAILURES:
-                if base is None:
+                if not is_any_allowed and TRUST_LOSS * trust < LEAST_TRUST:
                     raise
-                is_better = False
+            # the linear torques are right, and limits are exceeded between the points
+            if new is not None and new.excess > 1.0 and new.motion.has_predicted_peak:
+                share *= (1.0 - 0.5 * LIMIT_MARGIN) / new.excess
+            if new is not None and new.merit(goal) < best.merit(goal):
+                yield new
+                about = best = new
+                is_any_allowed |= new.worst <= 1.0
+                detours = 0
+                trust = min(trust / TRUST_LOSS, FIRST_TRUST)
+            elif new is not None and detours < MAX_DETOURS:
+                about = new
+                detours += 1
+            elif new is not None and is_any_allowed:
+                return
             else:
-                if new.worst <= 1.0:
-                    is_better = best is None or new.motion.cost(goal) < best.motion.cost(goal)
-                else:
-                    is_better = new.worst < about.worst or (about is base and new.worst <= MAX_WORSENING)
-            if not is_better:
-                trust = min(TRUST_LOSS * trust, FIRST_TRUST)
+                about = best
+                detours = 0
+                trust *= TRUST_LOSS
                 if trust < LEAST_TRUST:
                     break
-                about = base or about
-                continue
-            yield new
-            about = new
-            best = new if new.worst <= 1.0 else best
-            if new.worst <= NEARLY_ALLOWED:
-                base = new
-                idle_steps = 0
-            # the linear torques are right, and limits are exceeded between the points
-            if new.excess > 1.0 and new.motion.has_predicted_peak:
-                share *= (1.0 - LIMIT_TIGHTENING) / new.excess
-        if best is None and about.rest > 1.0:
-            raise self._refuse_rest(about.rest)
+        if best.rest > 1.0:
+            raise self._refuse_rest(best.rest)
 
     def _balance_law(self, best: Best, about: Iterate | None) -> Iterate:
         """Find the law in balance nearest to an optimum, and certify its motion.

@@ -181,7 +181,7 @@ class SmoothSearch(NamedTuple):
             quick, _floor = self._solve_above_floor(bounds, goal)
         if isinstance(quick, NoneFound):
             return quick
-        law = self._adjust(quick, BLENDED_DURATION)  # which costs no more than that
+        law = self.adjust(quick, BLENDED_DURATION)  # which costs no more than that
         if law is not None:
             return law
         for group in chain([[start] for start in starts], self._find_starts(quick, bounds, goal)):
@@ -189,7 +189,7 @@ class SmoothSearch(NamedTuple):
             for start in group:
                 for settled_goal in dict.fromkeys((goal, "curvature")):  # if the first fails, the second
                     settled = self._settle(start, quick, bounds, settled_goal)
-                    law = self._adjust(settled)
+                    law = self.adjust(settled)
                     if law is not None:
                         laws.append(law)
                         break
@@ -224,7 +224,7 @@ class SmoothSearch(NamedTuple):
             found = program.minimise(goal, bounds, self.units, floor=floor, cap=cap, about=tangents)
             step = None
             if isinstance(found, Speed):
-                step = self._adjust(found._replace(floor=law.floor), NEARLY_SETTLED)
+                step = self.adjust(found._replace(floor=law.floor), NEARLY_SETTLED)
             if step is not None and (best is None or self._is_gain(goal, step, law)):
                 law = best = step
                 continue
@@ -240,7 +240,7 @@ class SmoothSearch(NamedTuple):
             return bool(np.sum((rows @ step.y) ** 2) < (1.0 - MIN_SMOOTHING) * np.sum((rows @ law.y) ** 2))
         return cost_of(goal, step) < (1.0 - MIN_COST_GAIN) * cost_of(goal, law)
 
-    def _adjust(self, law: Speed, allowed: float = SETTLED_DURATION) -> Speed | None:
+    def adjust(self, law: Speed, allowed: float = SETTLED_DURATION) -> Speed | None:
         """Adjust a law that nearly has the required instants to these; None if it is farther off.
 
         Args:

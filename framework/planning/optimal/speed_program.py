@@ -180,17 +180,11 @@ class SpeedProgram:
 
     @cached_property
     def curvature(self) -> AffineRows:
-        """Compute rows (P, n) whose sum of squares is the integral of (d2z/dsigma2)^2.
+        """Compute rows (P, n) of `bend_rows` and of internal torques.
 
-        A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
         All rows are divided by their root mean square, so that the cost is near 1, as the solver needs it.
         """
-        stretch = self.problem.task.stretch
-        inside = self._inner_points
-        sigma = self.problem.sigma(self.xi)[inside]
-        z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
-        curvature = z_xi_xi.scale(stretch(sigma, 1) ** 2) + z_xi.scale(stretch(sigma, 2))
-        rows = curvature.scale(np.sqrt(self._inner_weights))
+        rows = bend_rows(self)
         # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.values)) * rows.shape[0])
         curvature = rows / size
@@ -269,6 +263,7 @@ class SpeedProgram:
         about: tuple[Array, Array, bool] | None = None,
         stage: int = -1,
         tolerance: float = TOLERANCE,
+        model: tuple[Mapping[str, Array], AffineRows] | None = None,
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
 
@@ -287,6 +282,7 @@ class SpeedProgram:
                 to those that are finite; otherwise they must not fall below.
             stage: index of the stage whose duration is least for the goal "time"; the last by default.
             tolerance: relative, of the cost and of the rows.
+            model: linear cost and square rows, in the units, in place of those of the goal.
         """
         timed = goal == "time" or bounds.longest is not None  # whether the duration counts
         powered = goal == "energy" or bounds.energy is not None  # whether the energy counts
@@ -319,10 +315,12 @@ class SpeedProgram:
         if powered:
             powers["e"] = list(range(len(self.rows.torque)))
 
+        square = self.curvature if goal == "curvature" and model is None else None
+        cost, square = model or (self._linear_cost(goal, stage), square)
         program = ConeProgram(
             self._sizes(powers, timed=timed),
-            self._linear_cost(goal, stage),
-            self.curvature if goal == "curvature" else None,
+            cost,
+            square,
             equal,
             nonnegative,
             self._cones(units, powers, timed=timed),
@@ -580,6 +578,19 @@ class SpeedProgram:
             ]
             cones.append(product_cone({name: identity}, {"r": identity}, twice_torque))
         return cones
+
+
+def bend_rows(program: SpeedProgram) -> SparseRows:
+    """Compute rows (P, n) on y whose sum of squares is the integral of (d2z/dsigma2)^2.
+
+    A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
+    """
+    stretch = program.problem.task.stretch
+    inside = program._inner_points
+    sigma = program.problem.sigma(program.xi)[inside]
+    z_xi, z_xi_xi = (program.basis.matrix(program.xi[inside], order) for order in (1, 2))
+    curvature = z_xi_xi.scale(stretch(sigma, 1) ** 2) + z_xi.scale(stretch(sigma, 2))
+    return curvature.scale(np.sqrt(program._inner_weights))
 
 
 def _weigh_limits(xi: Array, cells: Array, crossings: Array) -> list[Array]:

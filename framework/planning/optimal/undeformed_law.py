@@ -199,26 +199,21 @@ def solve_problem(
     *,
     share: float = SMOOTHNESS_COST,
     similar: Best | None = None,
-    former_cost: float = 0.0,
-    part: float = 0.0,
 ) -> Best:
     """Find the best law of a problem.
 
     Args:
         share: share of the least cost by which the cost of a smooth law may exceed it.
         similar: the law of a similar problem; the search resumes from it if z has the same basis.
-        former_cost, part: as of `resume_law`.
 
     Raises:
         NoLaw: no law was found within the limits.
         NotConverged: the solver gave up.
     """
     if similar is not None and similar.program.problem.degree == problem.degree:
-        return _require_law(
-            problem, resume_law(similar, problem, share=share, former_cost=former_cost, part=part)
-        )
+        return require_law(problem, resume_law(similar, problem, share=share))
     units = None if similar is None else similar.search.units
-    return _require_law(problem, find_best_law(problem, share=share, units=units))
+    return require_law(problem, find_best_law(problem, share=share, units=units))
 
 
 def _linearise(problem: LawProblem, z0: SquaredSpeed) -> LawProblem:
@@ -273,7 +268,7 @@ def _drive_slack(problem: LawProblem, best: Best) -> float:
     return slack
 
 
-def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
+def require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
     """Return the law of a search; raise the refusal if none was found."""
     if isinstance(result, NoneFound):
         raise refuse_law(problem, result)

@@ -1,0 +1,58 @@
+"""Programs of the next law: their models of duration and energy, against the quantities themselves."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.polynomial.chebyshev import poly2cheb
+
+import robots
+from framework import Line
+from framework.planning.crossing_points import PathToCross
+from framework.planning.optimal.least_cost import first_cells
+from framework.planning.optimal.next_law import _model_cost
+from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.speed_program import SpeedProgram, Units
+from framework.planning.optimal.undeformed_law import problem_of
+from framework.planning.request import Request, specification_of
+from framework.singularity.points_on_path import search_path
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+
+
+@pytest.mark.parametrize(("goal", "limits"), [("time", {"torque_limit": 2.0}), ("energy", {"duration": 1.5})])
+def test_the_model_of_a_step_is_right_to_second_order(goal, limits):
+    robot = robots.load("five_bar")
+    request = Request.of(robot, LINE, optimize=goal, law="optimal", **limits)
+    searched = search_path(robot, LINE)
+    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    problem = problem_of(task)._replace(degree=12)
+    program = SpeedProgram.on_cells(problem, first_cells(problem))
+    program = replace(program, problem=problem._replace(response=SimpleNamespace(holds_rest=False)))
+    y_0 = np.pad(poly2cheb([1.0, 0.2, 0.3]), (0, 10))
+    change = np.random.default_rng(0).uniform(-0.05, 0.05, 13)
+    unit = 0.7
+    cost, squares = _model_cost(program, y_0, Units(unit, 1.0), smoothness=0.0)
+
+    def model(y: np.ndarray) -> float:
+        scaled = y * unit**2
+        rows = squares.parts["y"] @ scaled + squares.offset
+        return float(cost.get("y", np.zeros(13)) @ scaled + rows @ rows)
+
+    def quantity(y: np.ndarray) -> float:
+        z = program.z @ y
+        weights = program.weights[1:-1]
+        if goal == "time":
+            return float(weights @ z**-0.5)
+        torque = (
+            np.stack([row(y)[1 : len(z) + 1] for row in program.rows.torque]) / problem.reference[:, None]
+        )
+        return float(weights @ ((torque**2).sum(axis=0) * z**-0.5))
+
+    errors = []
+    for share in (0.4, 0.2):
+        y = y_0 + share * change
+        errors.append(model(y) - model(y_0) - (quantity(y) / quantity(y_0) - 1.0))
+    assert abs(errors[0]) < 0.02 * abs(quantity(y_0 + 0.4 * change) / quantity(y_0) - 1.0)
+    assert errors[0] / errors[1] == pytest.approx(8.0, rel=0.2)  # of third order
