@@ -263,7 +263,7 @@ def trace_curves(
     computed = [points]  # all points, and their numbers along each direction
     total = 2 * count
     numbers = [[k] for k in range(total)]
-    closing = dict[int, list[int]]()  # numbers of the points of closed curves, by start
+    closing = dict[int, list[int]]()  # numbers of the points of closed curves, by start; the first one twice
     ends = [""] * (2 * count)  # why they end, as in `Curve.ends`; empty for a direction that goes on
     step = np.full(2 * count, min(FIRST_STEP, longest))
     curvature = np.zeros(points.tangent.shape)  # (2 S, k) unknown at the start
@@ -287,7 +287,7 @@ def trace_curves(
                     ends[other] = ends[other + count] = "same"
             if arrives_at[row, own] and len(numbers[k]) > 1:
                 ends[own] = ends[own + count] = "closed"
-                closing[own] = [*numbers[k], own]
+                closing[own] = [*numbers[k], numbers[k][0]]
                 continue
             numbers[k].append(total + row)
             if not is_inside[row]:
