@@ -90,9 +90,7 @@ def _close_again(mechanism: Mechanism, q: Array) -> Array:
     lower, upper = _joint_ranges(there)  # of offsets from q
     offsets = np.zeros(there.nv)  # [rad, robot lengths]
     for group in _group_loops(there, lower, upper):
-        start = np.clip(
-            0.0, group.lower, group.upper
-        )  # q itself, but for a joint beyond its range by rounding
+        start = np.clip(0.0, group.lower, group.upper)  # q, but for joints beyond their range by rounding
         offsets[group.columns], _residual = group.close(start)
     return integrate(there, there.q_near, offsets * there.column_scale)
 

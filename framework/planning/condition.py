@@ -111,15 +111,16 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     # a coefficient that is small against the sum (4,) of the sizes of its terms is rounding
     largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds [rad, robot lengths]
     term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
+    has_effect = abs(values[0]) > NO_HOLD * term_sizes[0]
     if deflection is not None:  # moving springs add to gamma and delta
         of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)  # (2, nv)
         values[2:] += of_springs.sum(axis=1)
         term_sizes[2:] += np.abs(of_springs).sum(axis=1)
         # stiff springs add small terms, which are not rounding as long as s" has an effect
-        if abs(values[0]) > NO_HOLD * term_sizes[0]:
+        if has_effect:
             return Condition8(*values.tolist())
     # where s" has no effect, no motion compensates the others: they count as rounding up to a larger share
-    rounding = CONDITION_ROUNDING if abs(values[0]) > NO_HOLD * term_sizes[0] else NO_HOLD
+    rounding = CONDITION_ROUNDING if has_effect else NO_HOLD
     return Condition8(*np.where(np.abs(values) > rounding * term_sizes, values, 0.0).tolist())
 
 

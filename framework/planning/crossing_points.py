@@ -80,16 +80,13 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
     if request.at is None:
         for singular in searched.points:
             check_crossable(branch, singular)
-        to_cross = searched.points
-    else:
-        to_cross = tuple(imposed_point(branch, s) for s in request.at)
-    crossing_points = []  # with their conditions, springs at rest
-    for point in to_cross:
-        crossing_points.append(replace(point, condition=coefficients_at(branch, point, None)))
-    points = crossing_points
+    to_cross = searched.points if request.at is None else [imposed_point(branch, s) for s in request.at]
+    # with their conditions, springs at rest
+    crossed = tuple(replace(point, condition=coefficients_at(branch, point, None)) for point in to_cross)
+    points = crossed
     if request.at is not None:
-        points = [_with_imposed(singular, crossing_points) for singular in searched.points]
-    return PathToCross(searched._replace(points=tuple(points)), tuple(crossing_points), explained)
+        points = tuple(_with_imposed(singular, crossed) for singular in searched.points)
+    return PathToCross(searched._replace(points=points), crossed, explained)
 
 
 def _with_imposed(singular: SingularPoint, imposed: Sequence[SingularPoint]) -> SingularPoint:
@@ -151,7 +148,7 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
         NoLaw: there is such a point; the message names a remedy.
     """
     for singular in points:
-        if singular.contact == "imposed":
+        if singular.is_imposed:
             continue
         where = f"at s = {singular.s:.6g}"
         if singular.corank > 1:

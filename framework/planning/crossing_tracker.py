@@ -157,7 +157,7 @@ class CrossingTracker:
         if not points:
             return []
         at_crossings = Deflection.evaluate(deflections, self.times)
-        if points[0].contact != "imposed":
+        if not points[0].is_imposed:
             start = self.tracked or TrackedPoints.from_undeformed(branch, points)
             self.tracked = track_points(branch, start, at_crossings.value)
             points = describe_points(branch, self.tracked)

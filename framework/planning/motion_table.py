@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,7 +26,7 @@ NamesAndUnits = tuple[Sequence[str], Sequence[str]]  # of the components of a qu
 class Column(NamedTuple):
     """A column of motion.csv."""
 
-    name: str  # of letters, digits and underscores
+    name: str
     unit: str  # SI
     what: str  # description of the quantity
 
@@ -42,8 +44,9 @@ class MotionTable(NamedTuple):
 
     def as_csv(self) -> str:
         """Return the table as CSV text; numbers have all their digits."""
-        rows = [",".join(map(repr, row)) for row in self.rows.tolist()]
-        return "\n".join([",".join(self.names), *rows, ""])
+        header = io.StringIO()
+        csv.writer(header, lineterminator="\n").writerow(self.names)  # names of joints may have commas
+        return header.getvalue() + "".join(",".join(map(repr, row)) + "\n" for row in self.rows.tolist())
 
     def metadata(self, file: str) -> str:
         """Return a description of the columns of `file`: JSON by W3C's CSV on the Web."""

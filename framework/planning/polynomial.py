@@ -79,10 +79,10 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
             raise
         except NotConverged as failure:
             failures.append(failure)
-        except UnboundedTorque as unbounded:  # the law turns back and passes a crossing once more
+        except UnboundedTorque as unbounded:  # mostly as the law turns back and crosses once more
             if request.at is not None or not timing:  # conditions elsewhere, or none, are asked for
                 raise
-            failures.append(NoLaw(f"the law of the deflected robot turns back: {unbounded.sentence}"))
+            failures.append(NoLaw(unbounded.message, name=unbounded.name))
     else:
         raise failures[0]
     planned = dynamics.law

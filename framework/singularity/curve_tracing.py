@@ -215,7 +215,7 @@ class Curve(NamedTuple):
 
     points: Points  # in order along the curve; a closed curve ends with its first point
     # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
-    # rank); or long (`max_points` of `trace_curve`)
+    # rank); or long (`max_points` of `trace_curves`)
     ends: tuple[str, str]
 
 
@@ -263,7 +263,6 @@ def trace_curves(
     computed = [points]  # all points, and their numbers along each direction
     total = 2 * count
     numbers = [[k] for k in range(total)]
-    closing = dict[int, list[int]]()  # numbers of the points of closed curves, by start
     ends = [""] * (2 * count)  # why they end, as in `Curve.ends`; empty for a direction that goes on
     step = np.full(2 * count, min(FIRST_STEP, longest))
     curvature = np.zeros(points.tangent.shape)  # (2 S, k) unknown at the start
@@ -287,7 +286,7 @@ def trace_curves(
                     ends[other] = ends[other + count] = "same"
             if arrives_at[row, own] and len(numbers[k]) > 1:
                 ends[own] = ends[own + count] = "closed"
-                closing[own] = [*numbers[k], own]
+                numbers[own] = [*numbers[k], numbers[k][0]]
                 continue
             numbers[k].append(total + row)
             if not is_inside[row]:
@@ -314,12 +313,10 @@ def trace_curves(
         start = starts.single(k)
         if ends[k] == "same" or any(passes_point(equations, curve.points, start) for curve in curves):
             continue
-        if k in closing:
-            curves.append(Curve(select(traced, closing[k]), ("closed", "closed")))
-            continue
-        backward = select(traced, numbers[k + count][1:]).reverse_order()
-        forward = select(traced, numbers[k])
-        curves.append(Curve(join([backward, forward]), (ends[k + count], ends[k])))
+        along = select(traced, numbers[k])
+        if ends[k] != "closed":
+            along = join([select(traced, numbers[k + count][1:]).reverse_order(), along])
+        curves.append(Curve(along, (ends[k + count], ends[k])))
     return curves
 
 

@@ -1,6 +1,6 @@
 """Distances of poses from singularities, by measures used in design.
 
-All measures but g are functions of the dimensionless matrices of A v = B dq_a: twists and joint rates are in
+The measures are functions of the dimensionless matrices of A v = B dq_a: twists and joint rates are in
 radians and characteristic lengths (`robot.length`). A is a block of columns of a matrix with orthonormal
 rows, so its singular values are cosines: 1 at best, 0 at a Type 2 singularity, whatever the unit of length.
 """

@@ -127,6 +127,11 @@ class SingularPoint(ReadOnlyArrays):
         return self.condition.acceleration(speed)
 
     @property
+    def is_imposed(self) -> bool:
+        """Whether the user imposes the point."""
+        return self.contact == "imposed"
+
+    @property
     def is_at_path_end(self) -> bool:
         """Whether the path starts or ends at the point."""
         return not SAME_PLACE < self.s < 1.0 - SAME_PLACE

@@ -3,12 +3,13 @@
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import robots
-from framework.model.visuals import Shape, read_visuals, visual_model
+from framework.model.visuals import Shape, read_visuals
 
 
 def written(robot):
@@ -82,6 +83,7 @@ def test_a_mesh_has_the_corners_and_triangles_of_its_file(tmp_path):
     found = shape.to_node(shape.vertices)[shape.faces]
     expected = np.array([1, 2, 3]) + corners @ np.array([[0, 0.1, 0], [-0.2, 0, 0], [0, 0, 0.3]])
     np.testing.assert_allclose(found, expected[np.array(faces)], atol=1e-12)
-    (solid,) = visual_model([shape], robot.model).geometryObjects
+    solids = replace(robot, description=description).visual_model.geometryObjects
+    (solid,) = [one for one in solids if one.geometry.getNodeType() == coal.NODE_TYPE.BV_OBBRSS]
     assert solid.geometry.computeVolume() == pytest.approx(0.1 * 0.2 * 0.3 / 6)  # of all four triangles
     np.testing.assert_allclose(solid.placement.homogeneous, shape.placement)

@@ -1,5 +1,6 @@
 """motion.csv agrees with itself, and with Pinocchio's forward kinematics of its joint columns."""
 
+import csv
 import io
 import json
 import re
@@ -10,6 +11,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, plan_scene
+from framework.planning.motion_table import Column, MotionTable
 
 SAMPLES = 201
 # springs; many passive joints; a platform that turns, too; slides, and a joint that turns all the way round
@@ -33,6 +35,14 @@ def table(plan):
     plan.to_csv(text, SAMPLES)
     text.seek(0)
     return np.genfromtxt(text, delimiter=",", names=True, deletechars="")
+
+
+def test_names_of_joints_with_commas_and_quotes_stay_one_column_each():
+    columns = tuple(Column(name, "rad", "") for name in ("joint_left,elbow", 'joint_1/4"', "joint_ plain"))
+    text = MotionTable(columns, np.array([[1.0, 1e-300, -1.0 / 3.0]])).as_csv()
+    header, values = csv.reader(io.StringIO(text))
+    assert header == [column.name for column in columns]
+    assert list(map(float, values)) == [1.0, 1e-300, -1.0 / 3.0]
 
 
 def test_every_column_has_a_plain_name_of_its_own_and_a_unit(plan, table):

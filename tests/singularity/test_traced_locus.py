@@ -10,7 +10,13 @@ from framework import InvalidInput, locate_singularities, trace_locus
 from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.kinematics.modes import leg_signs, legs
 from framework.planning.scenes import scene_path
-from framework.singularity.curve_tracing import LocusEquations
+from framework.singularity.curve_tracing import (
+    MAX_STEP,
+    LocusEquations,
+    curve_points,
+    find_solutions,
+    trace_curves,
+)
 from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.traced_locus import REGION_REACH
 from tests.robots.test_gough_stewart import plucker
@@ -250,6 +256,19 @@ def test_the_determinants_of_the_legs_multiply_to_that_of_the_inverse_kinematics
     assert sum(parts)[0] == pytest.approx(whole[1][0], abs=1e-9)
     assert set(np.abs(leg_signs(robot, linearised)[0])) == {1.0}
     assert sorted(motor for leg in legs(robot) for motor in leg.motors) == sorted(robot.actuator_names)
+
+
+def test_a_closed_curve_arrives_in_the_direction_in_which_it_starts(robot):
+    q = robot.reference.q
+    equations = LocusEquations.of(robot, q, robot.reference.x, None)
+    # from this start the curve closes first against its tangent
+    guess = equations.move(q, np.array([[-0.6, 0.3, -3.0, 1.6, 0.2, -1.1, 1.8]]))
+    solution = find_solutions(equations, guess)
+    start = curve_points(solution, equations.evaluate(solution), previous=None)
+    (curve,) = trace_curves(equations, start, lambda q: np.full(len(q), True), MAX_STEP)
+    assert curve.ends == ("closed", "closed")
+    np.testing.assert_array_equal(curve.points.tangent[-1], curve.points.tangent[0])
+    np.testing.assert_array_equal(curve.points.determinant[-1], curve.points.determinant[0])
 
 
 @pytest.mark.slow

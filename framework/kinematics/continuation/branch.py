@@ -26,7 +26,7 @@ from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, freeze, read_only
-from framework.numerics.chebyshev import TimeFunction, coefficients, nodes, tail
+from framework.numerics.chebyshev import TimeFunction, coefficients, evaluate, nodes, tail
 from framework.numerics.ordered_sums import least_singular_values
 from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
 
@@ -54,19 +54,14 @@ class Continuation(ReadOnlyArrays):
 
 
 def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Array:
-    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv).
-
-    T_k(x) = cos(k arccos x); beyond the interval, |x| > 1, it is sign(x)^k cosh(k arccosh |x|).
-    """
+    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv)."""
     start, end = interval
     local = (2 * s - start - end) / (end - start)
-    k = np.arange(len(series))
-    polynomials = np.cos(np.arccos(local.clip(-1.0, 1.0))[:, None] * k)  # (T, degree + 1)
+    values = evaluate(local.clip(-1.0, 1.0), series)
     (beyond,) = (np.abs(local) > 1.0).nonzero()
     if len(beyond):
-        x = local[beyond, None]
-        polynomials[beyond] = np.sign(x) ** k * np.cosh(np.arccosh(np.abs(x)) * k)
-    return polynomials @ series
+        values[beyond] = chebyshev.chebval(local[beyond], series).T
+    return values
 
 
 @dataclass(frozen=True, eq=False)
