@@ -13,10 +13,12 @@ import pytest
 import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
+from framework.cli.robustness import _describe_study
 from framework.control import (
     ControlLoop,
     LoopPrediction,
     Spread,
+    Study,
     StudySetup,
     Variation,
     draw,
@@ -132,6 +134,28 @@ def test_the_interval_is_wilsons():
     assert low < high
     for end in (low, high):
         assert (share - end) ** 2 == pytest.approx(z**2 * end * (1.0 - end) / 7, abs=1e-12)
+
+
+def test_68_percent_of_normal_deviations_are_within_one_whatever_single_runs_do():
+    """Their mean of squares is filled by one run that escapes."""
+    errors = 1e-3 * np.array([NormalDist().inv_cdf(0.5 + (k + 0.5) / 400) for k in range(200)])
+    errors[-1] = 1.0
+    zeros = np.zeros(200)
+    study = Study(
+        controller="lqg",
+        spread=Spread(),
+        seed=0,
+        seconds=0.0,
+        passed=errors < 2.5e-3,
+        why=("",) * 200,
+        tracking_error=errors,
+        end_error=errors,
+        peak_torque=zeros[:, None],
+        payload=zeros,
+    )
+    found = _describe_study(study, np.ones(1))["tracking_error"]
+    assert found["68 %"] == pytest.approx(1e-3, rel=0.01)
+    assert np.sqrt(np.mean(errors**2)) > 50 * found["68 %"]
 
 
 def predicted(sensors, platform):
