@@ -337,9 +337,10 @@ class ElasticSearch:
     def _improve(self, law: Best) -> Iterator[Iterate]:
         """Yield motions in balance: under the law nearest to a first one, and under better laws.
 
-        Torques are linearised about the last motion, also if it is worse than the best by its merit: the next
-        step may correct it. After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and
-        after a step without a motion, the next law is sought nearer to the best motion.
+        The best motion is that of least merit, or the last allowed one that costs less than those before. Torques
+        are linearised about the last motion, also if it is worse than the best: the next step may correct it.
+        After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and after a step without a
+        motion, the next law is sought nearer to the best motion.
         """
         goal = self.task.specification.goal
         about = best = self._balance_law(law, None)
@@ -349,7 +350,7 @@ class ElasticSearch:
         trust = FIRST_TRUST
         share = 1.0 - LIMIT_MARGIN  # what is left for torques that are not linear
         detours = 0  # steps since the best motion
-        is_any_allowed = best.worst <= 1.0
+        least_cost = best.motion.cost(goal) if best.worst <= 1.0 else np.inf  # of allowed motions
         for _ in range(MAX_STEPS):
             new = None
             try:
@@ -359,21 +360,22 @@ class ElasticSearch:
                 elif about is best:
                     return
             except FAILURES:
-                if not is_any_allowed and TRUST_LOSS * trust < LEAST_TRUST:
+                if least_cost == np.inf and TRUST_LOSS * trust < LEAST_TRUST:
                     raise
-            # the linear torques are right, and limits are exceeded between the points
+            # the linear torques are right, and limits are exceeded between the points: half the margin is left
             if new is not None and new.excess > 1.0 and new.motion.has_predicted_peak:
                 share *= (1.0 - 0.5 * LIMIT_MARGIN) / new.excess
-            if new is not None and new.merit(goal) < best.merit(goal):
+            is_least = new is not None and new.worst <= 1.0 and new.motion.cost(goal) < least_cost
+            if new is not None and (is_least or new.merit(goal) < best.merit(goal)):
                 yield new
                 about = best = new
-                is_any_allowed |= new.worst <= 1.0
+                least_cost = new.motion.cost(goal) if is_least else least_cost
                 detours = 0
                 trust = min(trust / TRUST_LOSS, FIRST_TRUST)
             elif new is not None and detours < MAX_DETOURS:
                 about = new
                 detours += 1
-            elif new is not None and is_any_allowed:
+            elif new is not None and least_cost < np.inf:
                 return
             else:
                 about = best
@@ -381,7 +383,7 @@ class ElasticSearch:
                 trust *= TRUST_LOSS
                 if trust < LEAST_TRUST:
                     break
-        if best.rest > 1.0:
+        if least_cost == np.inf and best.rest > 1.0:
             raise self._refuse_rest(best.rest)
 
     def _balance_law(self, best: Best, about: Iterate | None) -> Iterate:
