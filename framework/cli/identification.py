@@ -12,13 +12,15 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot, not_empty
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, list_names
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.conversions import Conversions
 from framework.identification.excite import GRAVITY, TRIALS, Excitation, digits, excite
 from framework.identification.identify import Identification, identify
 from framework.identification.recording import make_sensors
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.robot_file_writer import check_overwritten_robot
+from framework.numerics.arrays import Array, Names
 from framework.numerics.output import check_files, write_files
 from framework.tolerances import MIN_RANK_GAP
 
@@ -124,17 +126,11 @@ def _list_further_poses(calibration: Calibration) -> list[str]:
     shown = np.argsort(gain)[: np.count_nonzero(gain < 0.5)]
     if not len(shown):
         return []
-    names = calibration.geometry.names
-    listed = [
-        f"{names[k]} {calibration.deviations[k]:.1e} -> {further.deviations[k]:.1e}"
-        for k in shown[:MAX_LISTED]
-    ]
+    changes = [*zip(calibration.geometry.names, calibration.deviations, further.deviations, strict=True)]
+    listed = ", ".join("{} {:.1e} -> {:.1e}".format(*changes[k]) for k in shown[:MAX_LISTED])
     more = f" and {len(shown) - MAX_LISTED} more, see --json" if len(shown) > MAX_LISTED else ""
-    lines = [
-        f"  deviations that {len(further.platform)} further poses would leave: {', '.join(listed)}{more}"
-    ]
-    lines += [f"    {calibration.robot.place(x)}" for x in further.platform]
-    return lines
+    head = f"  deviations that {len(further.platform)} further poses would leave: {listed}{more}"
+    return [head, *(f"    {calibration.robot.place(x)}" for x in further.platform)]
 
 
 # ------------------------------------------------------------------ crossing identify
@@ -282,6 +278,12 @@ def run_identify(options: Namespace) -> Report:
     return document, identification_lines(identification, everything=options.all)
 
 
+def _list_by_motor(robot: ParallelRobot, values: Array, units: Names, *, digits: int) -> str:
+    """List values (n_a,) with the names of their motors and with units."""
+    rows = zip(robot.actuator_names, values, units, strict=True)
+    return ", ".join(f"{joint} {value:.{digits}g} {unit}" for joint, value, unit in rows)
+
+
 def _tell_left_out(count: int) -> str:
     """Return the clause about rows of a file that are not used."""
     return f" ({count} rows without all numbers, or that repeat one, left out)" if count else ""
@@ -291,11 +293,10 @@ def identification_lines(identification: Identification, *, everything: bool = F
     """Return the report on identified parameters, in words; `everything` lists the base parameters."""
     base = identification.base
     robot = identification.robot
-    noise = zip(robot.actuator_names, identification.noise, robot.torque_units, strict=True)
     least = 1e-3 * identification.period  # of a jitter that is told
     words = {
         "parameters": len(base.parameters),
-        "noise": ", ".join(f"{joint} {value:.2g} {unit}" for joint, value, unit in noise),
+        "noise": _list_by_motor(robot, identification.noise, robot.torque_units, digits=2),
         "jitter": f" (+- {0.5 * identification.jitter:.1g})" if identification.jitter > least else "",
         "left_out": _tell_left_out(identification.left_out),
         "massless": f"\n  massless          left out: {', '.join(base.left_out)}" if base.left_out else "",
@@ -319,17 +320,13 @@ def identification_lines(identification: Identification, *, everything: bool = F
     others = [quantity for quantity in identification.quantities if not quantity.shown]
     showable = [quantity.name for quantity in others if quantity.alone]
     if showable:
-        more = " .." * (len(showable) > MAX_LISTED)
-        lines.append(
-            f"  other motions     would show {', '.join(showable[:MAX_LISTED])}{more}: see crossing excite"
-        )
+        listed = list_names(showable, most=MAX_LISTED)
+        lines.append(f"  other motions     would show {listed}: see crossing excite")
     elif others:
         lines.append("  other motions     show none of these alone, only sums of parameters, see --all")
     if everything:
         lines.append("  base parameter\tvalue\tdeviation\tfile")
-        unseen = [
-            "not determined by these data" * (name in identification.undetermined) for name in base.names
-        ]
+        unseen = ["" if seen else "not determined by these data" for seen in identification.determined]
         columns = (identification.values, identification.deviations, base.values, unseen)
         rows = zip(base.names, *columns, strict=True)
         lines += ["  {}\t{:.6g}\t{:.2g}\t{:.6g}\t{}".format(*row) for row in rows]
@@ -394,11 +391,10 @@ def run_excite(options: Namespace) -> Report:
     if options.out is not None:
         beginning = {FilePath(options.out): "time,motor_angle_"}
         check_files(beginning, option="--out", overwrite=options.overwrite)
-    stated: dict[str, Any] = {
-        name: arguments.limits(f"--{name.replace('_', '-')}", words)
-        for name in ("torque_limit", "speed_limit")
-        if (words := getattr(options, name)) is not None
-    }
+    stated: dict[str, Any] = {}
+    for name in ("torque_limit", "speed_limit"):
+        if (words := getattr(options, name)) is not None:
+            stated[name] = arguments.limits(f"--{name.replace('_', '-')}", words)
     excitation = excite(
         robot,
         duration=options.duration,
@@ -423,13 +419,8 @@ def excitation_lines(excitation: Excitation) -> list[str]:
     motion = excitation.motion
     duration = float(motion.times[-1])
     values = [
-        ", ".join(
-            f"{joint} {value:.3g} {unit}"
-            for joint, value, unit in zip(
-                robot.actuator_names, np.abs(largest).max(axis=0), units, strict=True
-            )
-        )
-        for largest, units in ((motion.torque, robot.torque_units), (motion.speed, robot.speed_units))
+        _list_by_motor(robot, np.abs(series).max(axis=0), units, digits=3)
+        for series, units in ((motion.torque, robot.torque_units), (motion.speed, robot.speed_units))
     ]
     shown = excitation.shown
     quantities = excitation.identification.quantities
@@ -443,7 +434,5 @@ def excitation_lines(excitation: Excitation) -> list[str]:
     ]
     hidden = [quantity.name for quantity in quantities if not quantity.shown]
     if hidden:
-        lines.append(
-            f"  not shown         {', '.join(hidden[:MAX_LISTED])}{' ..' * (len(hidden) > MAX_LISTED)}"
-        )
+        lines.append(f"  not shown         {list_names(hidden, most=MAX_LISTED)}")
     return lines

@@ -65,17 +65,16 @@ class Conversions:
             names[i], names[j] = names[j], names[i]
         values = data.values.copy()
         for column, unit in self.units.items():
-            tables = {k: _units_of(names[k]) for k in _columns_of(names, column, "--unit")}
-            known = {name for table in tables.values() for name in table}
+            chosen = _columns_of(names, column, "--unit")
             try:
-                size = float(unit)  # such as that of an encoder's count
+                sizes = [float(unit)] * len(chosen)  # such as that of an encoder's count
             except ValueError:
-                check_choice(f"unit of {column}", unit, known)
-            else:
-                if not np.isfinite(size) or not size:
-                    raise InvalidInput(f"unit of {column}: needs a name or a number but 0, got {unit!r}")
-                tables = {k: {unit: size} for k in tables}
-            values *= [tables[k].get(unit, 1.0) if k in tables else 1.0 for k in range(len(names))]
+                tables = [_units_of(names[k]) for k in chosen]
+                check_choice(f"unit of {column}", unit, {name for table in tables for name in table})
+                sizes = [table.get(unit, 1.0) for table in tables]
+            if not np.isfinite(sizes).all() or 0.0 in sizes:
+                raise InvalidInput(f"unit of {column}: needs a name or a number but 0, got {unit!r}")
+            values[:, chosen] *= sizes
         for column, sign in self.signs.items():
             if abs(sign) != 1.0:
                 raise InvalidInput(f"--sign {column}: needs 1 or -1, got {sign:g}")
@@ -103,10 +102,11 @@ class Conversions:
         }
         words = []
         for option, pairs in options.items():
-            values = {k: v if isinstance(v, str) else f"{v:g}" for k, v in pairs.items()}
-            pairs_in_words = [shlex.quote(f"{column}={value}") for column, value in values.items()]
-            words += [option, *pairs_in_words] if pairs else []
-        return " ".join([*words, *(["--unwrap", *self.unwrapped] if self.unwrapped else [])])
+            texts = [v if isinstance(v, str) else f"{v:g}" for v in pairs.values()]
+            words += [option] * bool(pairs) + [
+                shlex.quote(f"{k}={v}") for k, v in zip(pairs, texts, strict=True)
+            ]
+        return " ".join([*words, *["--unwrap"] * bool(self.unwrapped), *self.unwrapped])
 
 
 def _count_turns(data: Recording, times: Array, angles: Array, name: str) -> Array:

@@ -14,6 +14,7 @@ record there.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -51,7 +52,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ReadOnlyArrays, join
-from framework.numerics.fields import MAX_ROWS, positive
+from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain
 from framework.simulation import Simulation, simulate
@@ -190,8 +191,8 @@ def excite(
     check_duration(duration)
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)
-    trials = whole_number("trials", trials, 0, MAX_ROWS)
-    seed = whole_number("seed", seed, 0, MAX_ROWS)
+    trials = whole_number("trials", trials, 0, sys.maxsize)
+    seed = whole_number("seed", seed, 0, sys.maxsize)
     sensors = sensors or Sensors(rate=500.0)
     samples = duration * sensors.rate
     if not MIN_SAMPLES <= samples <= MAX_SAMPLES:

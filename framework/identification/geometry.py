@@ -103,10 +103,8 @@ class Geometry(ReadOnlyArrays):
                 _move_origin(elements[joint], move)
         changes = dict(zip(self.lengths, lengths.tolist(), strict=True))
         closures = [
-            replace(closure, length=closure.length + changes[closure.name])
-            if closure.length is not None and closure.name in changes
-            else closure
-            for closure in description.closures
+            replace(loop, length=(loop.length or 0.0) + changes[loop.name]) if loop.name in changes else loop
+            for loop in description.closures
         ]
         return replace(description, urdf_text=tostring(urdf, encoding="unicode"), closures=tuple(closures))
 

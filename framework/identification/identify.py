@@ -14,6 +14,7 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import NamedTuple
 from warnings import warn
@@ -119,7 +120,7 @@ class Identification(ReadOnlyArrays):
     @property
     def undetermined(self) -> Names:
         """Names of base parameters that the data do not determine."""
-        return self._base_names(~self.determined)
+        return tuple(compress(self.base.names, ~self.determined))
 
     @property
     def keeps_file(self) -> bool:
@@ -131,11 +132,8 @@ class Identification(ReadOnlyArrays):
     def changed(self) -> Names:
         """Names of base parameters that differ significantly from the file's values."""
         change = np.abs(self.values - self.base.values)
-        return self._base_names((change > SIGNIFICANT_DEVIATIONS * self.deviations) & (self.deviations > 0))
-
-    def _base_names(self, mask: BoolArray) -> Names:
-        """Return the names of the base parameters in a mask (rank,)."""
-        return tuple(self.base.names[k] for k in np.flatnonzero(mask))
+        is_changed = (change > SIGNIFICANT_DEVIATIONS * self.deviations) & (self.deviations > 0)  # (rank,)
+        return tuple(compress(self.base.names, is_changed))
 
     @property
     def error_before(self) -> Array:
@@ -494,8 +492,6 @@ def _refuse_mistaken_columns(
     min_moving = 0.2  # share of the equations at instants whose motors move
     from scipy.optimize import lsq_linear  # slow to import
 
-    data = data.complete("platform_")
-
     # the file's bodies times a factor, and rotors, damping and friction, within what this robot can have
     bodies = base.described.values.copy()
     bodies[-3 * robot.n_a :] = 0.0
@@ -503,19 +499,24 @@ def _refuse_mistaken_columns(
     columns = base.combinations.coefficients @ np.column_stack([bodies, of_motors])  # (rank, 1 + 3 n_a)
     known: dict[object, TorqueRows] = {}  # by the motion, which changes of the torques leave
     is_motion = np.array([not name.startswith("torque_") for name in data.names])
-    stride = max(1, len(data) // max_instants)
     lowest = np.append(1.0 / max_factor, np.zeros(3 * robot.n_a))
     highest = np.append(max_factor, base.described.sizes[-3 * robot.n_a :])
 
     # as many coefficients of splines as these columns need, whatever the change
+    kinds = {"motor_angle": robot.actuator_names}
+    if poses != "motors" and data.has("platform", robot.axis_names):
+        kinds["platform"] = robot.axis_names
+    signals = {kind: data.complete(f"{kind}_") for kind in kinds}  # a tracker may be slower than the motors
+    cutoffs = [
+        smooth(part.column("time"), part.columns(kind, kinds[kind])).cutoff for kind, part in signals.items()
+    ]
     times = data.column("time")
-    kinds = {"motor_angle": robot.actuator_names, "platform": robot.axis_names}
-    signals = [data.columns(kind, names) for kind, names in kinds.items() if data.has(kind, names)]
-    lowest_cutoff = min(smooth(times, samples).cutoff for samples in signals)
+    periods = (1.0 - SAME_PLACE) * min(cutoffs) * np.ptp(times)
+    seen = np.flatnonzero(np.isin(times, [*signals.values()][-1].column("time")))  # by all sensors
+    instants = seen[:: max(1, len(seen) // max_instants)]
     begun = robot
     with suppress(NoAnswer):
         begun = begin_at_first_row(robot, data, start or {})
-    periods = (1.0 - SAME_PLACE) * lowest_cutoff * np.ptp(times)
 
     def misfit(recording: Recording) -> float:
         """Compute the squared misfit of the torques to this model, over the squared torques."""
@@ -525,11 +526,11 @@ def _refuse_mistaken_columns(
         if rows is None or robot.n_a > robot.n:
             cutoff = periods / np.ptp(recording.column("time"))
             measured = measured_motion(
-                begun, recording, cutoff=cutoff, poses=poses, stride=stride, trial=True
+                begun, recording, cutoff=cutoff, poses=poses, instants=instants, trial=True
             )
             rows = torque_rows(robot, measured, base, exact_motion=True)
             known[moving] = rows
-        rows = rows._replace(torque=recording.columns("torque", robot.actuator_names)[::stride])
+        rows = rows._replace(torque=recording.columns("torque", robot.actuator_names)[instants])
         if rows.valid.mean() < min_moving:
             raise InvalidInput("the motors hardly move")
         sizes = np.sqrt(np.mean(rows.torque**2, axis=0))  # (n_a,)
@@ -543,4 +544,4 @@ def _refuse_mistaken_columns(
     torques = {f"torque_{joint}": f"{1.0 / gear:.9g}" for joint, gear in gears.items()}
     has_gears = bool((robot.gear_ratio != 1.0).any())
     further = [Conversions(units=units) for units in (angles, angles | torques)] * has_gears
-    refuse_mistaken_columns(data, ("time", *list(kinds)[: len(signals)], "torque"), misfit, further)
+    refuse_mistaken_columns(data, ("time", *kinds, "torque"), misfit, further)

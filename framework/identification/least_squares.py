@@ -11,9 +11,9 @@ Errors of the motion are unknowns too. The coefficients of its splines have erro
 that the angles give. They reach all torques of several knots, by the torques' derivatives with respect to
 accelerations (those of rates and positions are smaller, by the time between knots). The equations are
 evaluated at the corrected motion, and z is eliminated (Gauss-Newton steps of a nonlinear model with errors in
-variables; Fuller, "Measurement Error Models", 1987, section 3.2). The covariance comes from all second
-derivatives at the solution. The mean of z would take noise of the motors too, so that their noise is what z
-leaves that is drawn from its distribution.
+variables; Fuller, "Measurement Error Models", 1987, section 3.2). The covariance counts second derivatives by
+unknowns and z at the solution. The mean of z would take noise of the motors too, so that their noise is what
+z leaves that is drawn from its distribution.
 
 Errors of the torque sensors that are constant through a recording are unknowns with normal priors: a share of
 each torque (`scale`), an offset, and a delay of all torques. QR of the equations with the columns of these

@@ -42,7 +42,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, clearance, li
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.rotations import whole_turns
 from framework.numerics.splines import banded_rows, find_intervals, spline_values
 from framework.proofs.working_modes import working_modes
@@ -69,8 +69,9 @@ class MeasuredMotion:
 class SplineErrors(NamedTuple):
     """Errors of k signals that are splines of m coefficients, in units of one deviation of their samples.
 
-    A spline by least squares of samples with independent errors of the deviation `noise` has coefficients
-    with errors z * noise, where z (m, k) has the information values' values.
+    The coefficients of a least squares spline of T samples, whose independent errors have the deviation
+    `noise`, have errors z * noise. The information (inverse covariance) of a column of z (m, k) is
+    values' values.
     """
 
     values: Any  # (T, m) sparse, of the samples by the coefficients
@@ -95,7 +96,7 @@ def measured_motion(
     cutoff: float | None = None,
     poses: str | None = None,
     start: Mapping[str, float] | None = None,
-    stride: int = 1,
+    instants: IntArray | None = None,
     trial: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
@@ -107,7 +108,7 @@ def measured_motion(
             which works at Type 2 singularities too. The default is "motors", then "platform" if that fails
             or leads elsewhere than measured.
         start: joints' positions near the first row [rad, m], see `begin_at_first_row`.
-        stride: of the samples whose poses are computed; all are smoothed.
+        instants: (S,) indices of the samples whose poses are computed, by default all; all are smoothed.
         trial: whether columns are changed on trial: the motion begins near the reference, and a platform that
             contradicts the motors is refused.
         progress: called with the number of poses computed from the motors.
@@ -124,9 +125,8 @@ def measured_motion(
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     if not trial:
         robot = begin_at_first_row(robot, data, start or {})
-    shown = times[::stride]  # (S,)
-    torque = data.columns("torque", robot.actuator_names)[::stride]
-    joints = smooth(times, _read_motor_joints(robot, data), cutoff, shown)
+    instants = np.arange(len(times)) if instants is None else instants
+    joints = smooth(times, _read_motor_joints(robot, data), cutoff, times[instants])
 
     # close the loops, from the motors if possible, else from the platform
     source = "motors"
@@ -142,8 +142,8 @@ def measured_motion(
             if poses is not None or not has_platform:
                 raise
     if motion is not None and poses is None and has_platform:
-        x = data.columns("platform", robot.axis_names)[::stride]
-        offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (T, n)
+        x = data.columns("platform", robot.axis_names)[instants]
+        offset = robot.platform.residual(motion.linearised.frames, x) / robot.platform_scale  # (S, n)
         if np.abs(offset[~np.isnan(x).any(axis=1)]).max(initial=0.0) > MAX_MOTOR_MISFIT:
             if trial:
                 raise InvalidInput(f"{data.source}: the platform contradicts the motors")
@@ -151,32 +151,29 @@ def measured_motion(
             leads_elsewhere = True
     if motion is None:
         source = "platform"
-        known = data.complete("platform_")
-        if len(known) < MIN_SAMPLES:
-            raise InvalidInput(
-                f"{data.source}: {len(known)} samples of the platform; at least {MIN_SAMPLES} are needed"
-            )
         # a tracker may be slower than the motors, and begin behind them
+        known = data.complete("platform_")
         seen = known.column("time")
-        within = np.flatnonzero((shown >= seen[0]) & (shown <= seen[-1]))
-        data = data.rows(slice(None, None, stride)).rows(within)
-        shown, torque = shown[within], torque[within]
+        within = (times[instants] >= seen[0]) & (times[instants] <= seen[-1])  # (S,)
+        instants = instants[within]
         joints = joints._replace(values=joints.values[:, within], rate_error=joints.rate_error[within])
-        smoothed = smooth(seen, known.columns("platform", robot.axis_names), cutoff, shown)
+        smoothed = smooth(seen, known.columns("platform", robot.axis_names), cutoff, times[instants])
         first = (smoothed.values[0, 0] - robot.reference.x) / robot.platform_scale
         if trial and np.abs(first).max() > 1.0:  # a robot length or a radian away
             raise InvalidInput(f"{data.source}: the platform begins far from the reference")
         motion = _motion_of_platform(robot, smoothed.values)
-        misfit = _motor_misfit(robot, data, motion, joints.values[0], leads_elsewhere=leads_elsewhere)
+        misfit = _motor_misfit(
+            robot, data.rows(instants), motion, joints.values[0], leads_elsewhere=leads_elsewhere
+        )
     return MeasuredMotion(
         source=source,
         cutoff=joints.cutoff,
-        times=shown,
+        times=times[instants],
         motion=motion,
         errors=smoothed.errors,
         sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
         acceleration_known=smoothed.acceleration_known,
-        torque=torque,
+        torque=data.columns("torque", robot.actuator_names)[instants],
         motor_misfit=misfit,
     )
 
@@ -184,58 +181,68 @@ def measured_motion(
 def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = None) -> None:
     """Raise InvalidInput for columns that are missing, short, zero, begin anew after a turn, or have spikes.
 
+    The platform is checked unless `poses` leave it out.
+    """
+    largest_step = 1.5  # of time, over the median step; longer ones are gaps
+    kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
+    if poses != "motors" and data.has("platform", robot.axis_names):
+        kinds["platform"] = robot.axis_names
+    for kind, endings in kinds.items():
+        known = data.complete(f"{kind}_")  # a slower tracker has no number at most samples
+        columns = known.columns(kind, endings)  # (T, k)
+        if len(known) < MIN_SAMPLES:
+            without = "; --poses motors does without" * (kind == "platform")
+            raise InvalidInput(
+                f"{data.source}: {len(known)} samples of {kind}; at least {MIN_SAMPLES} are needed{without}"
+            )
+        time_steps = np.diff(known.column("time"))
+        is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
+        for ending, values in zip(endings, columns.T, strict=True):
+            _check_column(known, f"{kind}_{ending}", values, is_usual)
+
+
+def _check_column(data: Recording, name: str, values: Array, is_usual: BoolArray) -> None:
+    """Raise InvalidInput for values (T,) that are zero, begin anew after a turn, or have spikes.
+
     An angle begins anew where it steps by about a turn, and by less than a quarter of a turn at most
     other samples: no motor starts or stops between two samples. Whole numbers alone are counts of an
     encoder. A spike is a sample far from the median of itself and its neighbours, which steps of friction
-    leave alone, and which rounding moves by few counts. Turns and spikes are not looked for at gaps in time,
-    over which a fast motor makes whole turns. The platform is checked unless `poses` leave it out.
+    leave alone, and which rounding moves by few counts. Only usual time steps (T - 1,) count: over gaps a
+    fast motor makes whole turns.
     """
     turns_by_unit = {"": 2.0 * np.pi, "deg": 360.0}
     spread = 0.99  # share of the samples whose distance from the median is noise
     least_spike = 0.05  # of the column's range
     least_counts = 3.0  # of the steps to which a column is rounded, which noise crosses one by one
-    largest_step = 1.5  # of time, over the median step; longer ones are gaps
-    if len(data) < MIN_SAMPLES:
-        raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
-    if poses != "motors" and data.has("platform", robot.axis_names):
-        kinds["platform"] = robot.axis_names
-    names = [f"{kind}_{ending}" for kind, endings in kinds.items() for ending in endings]
-    columns = np.hstack([data.columns(kind, endings) for kind, endings in kinds.items()])  # (T, k)
-    for name, column in zip(names, columns.T, strict=True):
-        known = np.flatnonzero(~np.isnan(column)).tolist()  # a slower tracker has no number at most samples
-        values = column[known]
-        time_steps = np.diff(data.column("time")[known])
-        is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
-        steps = np.where(is_usual, np.abs(np.diff(values)), 0.0)
-        is_angle = name.startswith("motor")
-        for unit, turn in turns_by_unit.items():
-            turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
-            others = np.delete(steps, turns)
-            if is_angle and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
-                raise InvalidInput(
-                    f"{data.source}: {data.row(known[turns[0] + 1])}: {name} begins anew after a turn; "
-                    f"{f'--unit {name}={unit} ' * bool(unit)}--unwrap {name} counts on"
-                )
-        if is_angle and np.ptp(values) and (values == np.round(values)).all():
+    is_angle = name.startswith("motor_angle_")
+    steps = np.where(is_usual, np.abs(np.diff(values)), 0.0)
+    for unit, turn in turns_by_unit.items():
+        turns = np.flatnonzero(np.abs(steps - turn) < 0.25 * turn)
+        others = np.delete(steps, turns)
+        if is_angle and 0 < len(turns) < len(others) and others.max() < 0.25 * turn:
             raise InvalidInput(
-                f"{data.source}: {name} has whole numbers alone, as counts of an encoder: --unit "
-                f"{name}=SIZE declares how many radians or metres one of them is"
+                f"{data.source}: {data.row(int(turns[0]) + 1)}: {name} begins anew after a turn; "
+                f"{f'--unit {name}={unit} ' * bool(unit)}--unwrap {name} counts on"
             )
-        if name.startswith("torque") and not values.any():
-            raise InvalidInput(f"{data.source}: {name} is zero at all samples; measured torques are needed")
-        beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
-        distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)  # (T - 2,)
-        count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
-        limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count)
-        spikes = 1 + np.flatnonzero(distance > limit)
-        if len(spikes):
-            rows = list_names([data.row(known[spike]) for spike in spikes], most=8)
-            before, spike, after = values[spikes[0] - 1 : spikes[0] + 2]
-            raise InvalidInput(
-                f"{data.source}: {rows}: a spike, {name} is {spike:.4g} between {before:.4g} and {after:.4g};"
-                f" leave such rows out, time may have gaps"
-            )
+    if is_angle and np.ptp(values) and (values == np.round(values)).all():
+        raise InvalidInput(
+            f"{data.source}: {name} has whole numbers alone, as counts of an encoder: --unit "
+            f"{name}=SIZE declares how many radians or metres one of them is"
+        )
+    if name.startswith("torque_") and not values.any():
+        raise InvalidInput(f"{data.source}: {name} is zero at all samples; measured torques are needed")
+    beside = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # (T - 2,)
+    distance = np.where(is_usual[:-1] & is_usual[1:], np.abs(values[1:-1] - beside), 0.0)  # (T - 2,)
+    count = np.diff(np.unique(values)).min(initial=np.inf)  # least difference of two values
+    limit = max(SPIKE * np.quantile(distance, spread), least_spike * np.ptp(values), least_counts * count)
+    spikes = 1 + np.flatnonzero(distance > limit)
+    if len(spikes):
+        rows = list_names([data.row(int(spike)) for spike in spikes], most=8)
+        before, spike, after = values[spikes[0] - 1 : spikes[0] + 2]
+        raise InvalidInput(
+            f"{data.source}: {rows}: a spike, {name} is {spike:.4g} between {before:.4g} and {after:.4g};"
+            f" leave such rows out, time may have gaps"
+        )
 
 
 def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
@@ -262,14 +269,14 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
     single = {robot.coordinates.name_of(k): k for k in sorted(single_columns(robot.model))}
     for joint in start:
         check_choice("joint of --start", joint, single)
-    data = data.complete("joint_").complete("platform_").rows(slice(1))
+    sensed = [joint for joint in single if data.has("joint", [joint])]
+    data = data.complete("joint_" if start or sensed else "platform_").rows(slice(1))
     if not len(data):
         return robot
-    motors = dict(zip(robot.actuator_names, _read_motor_joints(robot, data)[0].tolist(), strict=True))
-    measured = {
-        joint: float(data.column(f"joint_{joint}")[0]) for joint in single if data.has("joint", [joint])
-    }
+    q_a = _read_motor_joints(robot, data)[0]  # (n_a,)
+    measured = dict(zip(sensed, data.columns("joint", sensed)[0].tolist(), strict=True))
     if start or measured:
+        motors = dict(zip(robot.actuator_names, q_a.tolist(), strict=True))
         stated = {**robot.description.reference, **motors, **measured, **start}
         description = replace(robot.description, reference=stated)
         q = ParallelRobot.from_description(description).reference.q
@@ -278,8 +285,7 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
 
         def misfit(q: Array) -> float:
             """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
-            offset = robot.actuated_coordinates(q[None])[0] - np.array(list(motors.values()))
-            return float(motor_distances(robot, offset).max())
+            return float(motor_distances(robot, robot.actuated_coordinates(q[None])[0] - q_a).max())
 
         poses: list[Array] = []
         with suppress(NoAnswer):

@@ -18,7 +18,12 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.least_squares import posterior_root
-from framework.identification.measured_motion import MIN_SAMPLES, measured_motion, smooth
+from framework.identification.measured_motion import (
+    MIN_SAMPLES,
+    begin_at_first_row,
+    measured_motion,
+    smooth,
+)
 from framework.identification.recording import HELD_OUT_EVERY
 from framework.identification.unknowns import choose_unknowns, rests_on_data
 from framework.numerics.arrays import Array
@@ -447,6 +452,10 @@ def test_the_working_mode_is_that_of_the_first_row_or_of_start():
     start = dict(zip(names, other.coordinates.positions(expected[:1])[0, robot.passive] + 0.05, strict=True))
     found = measured_motion(robot, motors, start=start)
     np.testing.assert_allclose(found.motion.q, expected, rtol=0, atol=1e-9)
+    late = data.values.copy()
+    late[: len(late) // 2, 5:] = np.nan  # a tracker that begins later says nothing about the first row
+    begun = [begin_at_first_row(robot, each, start) for each in (motors, replace(data, values=late))]
+    np.testing.assert_array_equal(begun[1].reference.q, begun[0].reference.q)
     with pytest.raises(InvalidInput, match="unknown joint of --start 'knee'"):
         measured_motion(robot, motors, start={"knee": 1.0})
 
@@ -506,6 +515,21 @@ def test_a_tracker_that_is_slower_and_later_leaves_the_rows_of_the_motors(poses)
     motors = robot.gear_ratio * robot.actuated_coordinates(found.motion.q)
     np.testing.assert_allclose(motors, values[first:last, 1:3], rtol=0, atol=1e-3)
     assert found.errors.accelerations.shape[0] == len(found.times)
+
+
+@pytest.mark.slow
+def test_a_tracker_of_too_few_rows_is_left_out_by_what_the_refusal_says():
+    """With the motors' poses the answer is that without its columns."""
+    robot = NOMINAL["five_bar_heavy"]
+    data = measured(sines(robot, duration=1.0, rate=200.0, size=0.04, seed=3), robot, 0)
+    values = data.values.copy()
+    values[np.arange(len(values)) % 20 > 0, 5:] = np.nan
+    few = replace(data, values=values)
+    with pytest.raises(InvalidInput, match=r"11 samples of platform; .* --poses motors does without"):
+        identify(robot, few)
+    without = Recording("motors", data.names[:5], data.values[:, :5])
+    found = [identify(robot, each, poses="motors") for each in (few, without)]
+    np.testing.assert_allclose(found[0].values, found[1].values, rtol=1e-6, atol=1e-9)
 
 
 def test_a_motion_through_type_2_goes_by_the_platform():

@@ -180,6 +180,18 @@ def test_counts_of_an_encoder_are_declared_by_their_size():
             Conversions(units={"torque": size}).convert(data)
 
 
+@pytest.mark.parametrize("count", [0, 1, 2, 40])
+def test_a_tracker_of_too_few_rows_is_refused(count):
+    times = np.linspace(0.0, 1.0, 200)
+    smooth = np.sin(np.outer(times, np.arange(1.0, 7.0)))  # (200, 6)
+    smooth[count:, 4:] = np.nan
+    names = (*HEADER.split(",")[:5], "platform_x", "platform_y")
+    few = Recording("few", names, np.column_stack([times, smooth]))
+    with pytest.raises(InvalidInput, match=f"{count} samples of platform; at least 64 .* --poses motors"):
+        check_signals(ROBOT, few)
+    check_signals(ROBOT, few, "motors")
+
+
 def test_rows_without_a_slower_tracker_are_rows_of_the_motors(tmp_path):
     header = HEADER.replace("note", "platform_x")
     lines = [header, ROWS[0], ROWS[1].removesuffix("7"), ROWS[1].removesuffix("7"), ROWS[2]]
