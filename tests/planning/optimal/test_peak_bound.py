@@ -15,7 +15,7 @@ from framework.model.description import JointDynamics
 from framework.numerics.bernstein import DEGREE, Bernstein
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal import path_series, peak_bound
-from framework.planning.optimal.dual_program import DualProgram, Multipliers
+from framework.planning.optimal.dual_program import DualProgram, Evidence, Multipliers
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries
@@ -68,6 +68,18 @@ def motion(
 
 def close_below(value, best, share=3e-3):
     assert (1.0 - share) * best < value < (1.0 + 1e-9) * best
+
+
+def test_margins_grow_until_the_factor_is_proved():
+    """Of a solver whose factor stays below the margin that it is asked for, on each of two cells."""
+    lacking = np.array([0.3, 0.02])
+    program = SimpleNamespace(
+        series=None,
+        factor_error=np.full(2, 1e-3),
+        solve=lambda margin: margin - lacking,
+        evaluate_bound=lambda factor: Evidence(1.0, np.maximum(-factor, 0.0), np.full(2, 0.5)),
+    )
+    assert peak_bound._solve_program(program, None).complete
 
 
 def test_a_mass_is_moved_by_full_force_forth_and_back(monkeypatch):
