@@ -134,8 +134,6 @@ class LoopRows(ReadOnlyArrays):
 
     def append(self, other: LoopRows) -> LoopRows:
         """Return these rows and then the `other` ones."""
-        if not other.names:
-            return self
         tables = [[getattr(rows, field.name) for field in fields(self)] for rows in (self, other)]
         names, *columns = zip(*tables, strict=True)
         return LoopRows(sum(names, ()), *map(np.concatenate, columns))

@@ -136,3 +136,5 @@ def test_a_search_ends_after_so_many_steps_and_says_how_far_they_lead(robot, mon
     assert alone.within == alone.asked == found.within
     assert found.distance == pytest.approx(alone.distance, rel=1e-9)
     assert found.leg_end == pytest.approx(alone.leg_end, rel=1e-9)
+    monkeypatch.setattr(nearest, "MAX_RAY_STEPS", 96)
+    assert nearest_singular_pose(robot, pose, max_cells=1).asked == 0.5 * robot.length

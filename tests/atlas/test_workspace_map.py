@@ -11,7 +11,14 @@ import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
-from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, Window, map_axes, map_point, survey_window
+from framework.atlas.survey import (
+    MAX_NEIGHBOUR_DISTANCE,
+    Window,
+    _assemble_seeds,
+    map_axes,
+    map_point,
+    survey_window,
+)
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.atlas.workspace_map import MAX_COARSE_STRIDE, _coarse_stride, workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
@@ -53,6 +60,14 @@ def test_every_pose_of_the_5r_has_the_values_of_its_geometry():
     np.testing.assert_allclose(values["stiffness"], K[:, 0], rtol=1e-7, atol=1e-9 * K.max())
     squares = (2 * np.pi * values["frequency"]) ** 2
     np.testing.assert_allclose(squares, K[:, 0] / five_bar_pose.PAYLOAD, rtol=1e-7, atol=1e-10 * K.max())
+
+
+@pytest.mark.parametrize("enough", [1, 2, 9])
+def test_as_many_seeds_are_assembled_as_are_enough_and_can_be(robot, enough):
+    x = robot.reference.x + 0.01 * np.array([[[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [100.0, 0.0]]])
+    q, reason = np.zeros((2, 2, len(robot.reference.q))), np.full((2, 2), PoseReason.NO_NEIGHBOUR)
+    count = _assemble_seeds(robot, x, q, reason, np.argwhere(np.ones((2, 2))), enough=enough)
+    assert count == np.sum(reason == PoseReason.REACHED) == min(enough, 3)  # one is out of reach
 
 
 @pytest.mark.parametrize("size", [5, 9, 30, 70, 300])

@@ -10,6 +10,7 @@ from scipy.linalg import solve_discrete_are
 import robots
 from framework import InvalidInput, plan_scene
 from framework.control import CONTROLLERS, Measurement, reference_of, tuned_controller
+from framework.control.closed_loop import _VariedRobots
 from framework.control.controllers import (
     ComputedTorque,
     RobotState,
@@ -20,8 +21,12 @@ from framework.control.controllers import (
 )
 from framework.control.linear_model import linearise_plan
 from framework.control.regulators import solve_riccati
+from framework.control.sensors import ControlLoop
+from framework.control.variations import Spread, draw
 from framework.dynamics.forward_dynamics import forward_derivatives
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import scaled_loops
+from framework.simulation.drive import WorldForces
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each
 ROBOTS = [("five_bar", "C"), ("five_bar_heavy", "C"), ("three_rrr", "crossing"), ("gough_stewart", "tilt")]
@@ -36,6 +41,22 @@ def test_dry_friction_is_smoothed_below_some_per_cent_of_a_motors_largest_speed(
     ref = reference("five_bar", "C")
     shares = ref.friction_speed / np.abs(ref.motor_speed).max(axis=0)
     assert np.all((shares > 0.001) & (shares < 0.1))
+
+
+def test_in_a_period_a_wrench_is_that_of_its_middle():
+    """A force in proportion to s, and a constant one of the size that the first has in the middle."""
+    ref = reference("five_bar", "C")
+    robot, force = ref.robot, np.array([5.0, -3.0, 0.0, 0.0, 0.0, 0.0])
+    varied = _VariedRobots.of(ref, ControlLoop(), Spread(), [draw(robot, Spread(), (0, 0))])
+    k = int(0.3 * len(ref.times))
+    state = (ref.motion.q[[k]], ref.motion.v[[k]], ref.torque[[k]])
+    growing = ExternalWrenches.of({"left_tip": [np.zeros(7), [1.0, *force]]})
+    constant = ExternalWrenches.of({"left_tip": ref.law(ref.times[k] + 0.5 * PERIOD) * force})
+    q, v = varied._replace(world=WorldForces.of(robot, growing, ref.law)).step(k, *state)
+    expected = varied._replace(world=WorldForces.of(robot, constant, None)).step(k, *state)
+    change = np.abs(expected.v - varied.step(k, *state).v).max()  # by the force
+    np.testing.assert_allclose(v, expected.v, rtol=0, atol=1e-9 * change)
+    np.testing.assert_allclose(q, expected.q, rtol=0, atol=1e-9 * change * PERIOD)
 
 
 def on_the_plan(ref, k, sensors="joints"):

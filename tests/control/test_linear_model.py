@@ -394,6 +394,11 @@ def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, dela
         measured = Measurement(ref.motor_angle[[k]], ref.motor_speed[[k]], None, off[None])
         expected = ours.torque(k, measured)[0]
         np.testing.assert_allclose(alone.update(S @ ref.motion.q[k] + off), expected, rtol=1e-6, atol=1e-9)
+    # on the plan the torques are planned ones, also after its end
+    alone = program.TableController(file)
+    planned = np.concatenate([ref.motion.q, ref.motion.q[[-1] * 4]]) @ S.T
+    sent = np.array([alone.update(readings) for readings in planned])
+    np.testing.assert_allclose(sent[-5:], np.tile(ref.torque[-1], (5, 1)), atol=1e-6 * np.abs(sent).max())
 
 
 def test_varied_springs_deviate_as_much_as_those_that_are_drawn(monkeypatch):

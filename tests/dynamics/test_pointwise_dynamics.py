@@ -11,6 +11,7 @@ from framework import InvalidInput, ParallelRobot, SingularPose, assemble, dynam
 from framework.model.description import Actuator, Platform
 from framework.numerics.chebyshev import TimeGrid
 from tests.robots.cut_elsewhere import cut_elsewhere
+from tests.robots.transformed import in_other_units
 
 ROBOT = "five_bar"
 
@@ -135,6 +136,9 @@ def test_what_a_planar_robot_leaves_open_is_named_and_not_made_up(robot):
     assert np.isnan(found.loop_forces["tip"][2])
     assert "tip: force z" in found.indeterminate
     assert not np.isnan(found.loop_forces["tip"][:2]).any()
+    small = ParallelRobot.from_description(in_other_units(robot.description, length=1e-6))
+    other = dynamics_at(small, small.reference.q)
+    assert set(other.indeterminate) == set(dynamics_at(robot, robot.reference.q).indeterminate)
 
 
 def test_at_the_singularity_there_is_no_torque_of_an_instant(robot):

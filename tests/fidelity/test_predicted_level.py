@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import robots
-from framework import InvalidInput, UnboundedTorque, fidelity_study, plan_scene
+from framework import InvalidInput, NoAnswer, UnboundedTorque, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dynamics, open_loop_error
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.pointwise_dynamics import motor_inertia
@@ -24,6 +24,7 @@ from framework.fidelity.predicted_level import (
 )
 from framework.model.description import LEVELS
 from framework.planning.request import path_length
+from framework.planning.scenes import scene_request
 from tests.fidelity.test_fidelity_study import PLANNED
 from tests.robots.every_robot import in_stages
 
@@ -67,6 +68,20 @@ def test_a_scene_of_another_duration_is_predicted_and_keeps_nothing():
         predict_level(description, "C", geometry="deformed")
 
 
+@pytest.mark.parametrize("options", [{}, {"smoothness": 5}])
+def test_all_levels_follow_a_law_as_smooth_as_springs_need_or_as_asked(monkeypatch, options):
+    asked = []
+
+    def refuse(robot, request):
+        asked.append(request.smoothness)
+        raise NoAnswer("planned nowhere")
+
+    monkeypatch.setattr(predicted_level, "plan_request", refuse)
+    elastic = robots.load("five_bar", flexibility="flexible_joints")
+    predict_errors(elastic.description, "C", **options)
+    assert asked == [scene_request(elastic, "C", **options).smoothness]
+
+
 def test_a_motion_without_a_rigid_plan_may_need_everything():
     with pytest.raises(UnboundedTorque):
         plan_scene(robots.load("five_bar"), "B")
@@ -101,6 +116,7 @@ def test_an_error_that_is_not_a_number_is_not_none():
     indicators = Indicators.of(errors)
     assert [indicators.error[name] for name in names] == [np.inf] * 3 + [0.02] * (len(names) - 4) + [0.0]
     assert indicators.choose_level(0.1) == names[3]
+    assert set(indicators.words) == set(names)
 
 
 def test_open_loop_errors_are_those_of_an_equation_with_known_solution_to_second_order():

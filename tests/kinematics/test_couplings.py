@@ -1,6 +1,6 @@
 """Couplings of joints, linear ones and polynomials, against closed forms."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +127,15 @@ def test_derivatives_of_coupled_loops_are_those_of_differences():
     residual = q[0, columns[0]] - 0.7 * q[0, columns[1]] - 1.2
     assert coupling_derivatives(rows, q, 0)[0, 0] == pytest.approx(residual)
     np.testing.assert_allclose(coupling_jacobian(rows, q, 4)[0, -1, columns], [1.0, -0.7])
+
+
+def test_a_table_of_rows_is_the_parts_in_which_it_was_taken():
+    rows = robots.load("delta").rows
+    count = len(rows.names)
+    for first in (0, 2, count):
+        joined = rows.take(np.arange(first)).append(rows.take(np.arange(first, count)))
+        for field in fields(rows):
+            np.testing.assert_array_equal(getattr(joined, field.name), getattr(rows, field.name))
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-9])

@@ -188,3 +188,9 @@ def test_a_law_s_squared_speed_has_its_degree_and_no_more():
         assert np.abs(law.basis.matrix(xi, law.degree).values).max() > 0
         if len(law.cells) == 2:  # one polynomial
             assert not np.any(law.basis.matrix(xi, law.degree + 1).values)
+
+
+@pytest.mark.parametrize("moving", [(False, False), (True, False), (False, True), (True, True)])
+def test_a_law_says_at_which_ends_it_moves(moving):
+    said = OptimalLaw(np.array([4.0]), 2, moving=moving).to_dict().get("moving", [False, False])
+    assert tuple(said) == moving

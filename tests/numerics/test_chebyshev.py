@@ -148,6 +148,14 @@ def test_the_tail_knows_no_unit(scale):
     assert tail(series) == pytest.approx(0.1, rel=1e-15)
 
 
+def test_the_tail_is_the_last_eighth_of_many_coefficients_and_at_least_two():
+    for size, last in ((8, 2), (64, 8)):
+        for column in range(size):
+            series = np.ones((size, 1))
+            series[column + 1 :] = 0.0
+            assert (tail(series) > 0.0) == (column >= size - last)
+
+
 @pytest.mark.parametrize("size", [16, 64, 65])
 def test_nodes_keep_clear_of_instants(size):
     for instants in ([1.05], [START + 0.5, 1.05], TimeGrid(WHOLE, size).times[[size // 2, size // 3]]):

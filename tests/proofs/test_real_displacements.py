@@ -167,6 +167,17 @@ def test_a_similar_3_rpr_has_the_four_poses_of_its_closed_form():
     np.testing.assert_allclose(sorted(found.R[:, 1, 0]), exact, atol=1e-12)
 
 
+def test_conditions_have_the_same_poses_whatever_they_are_multiplied_by():
+    base, platform = np.array([0.0, 1.0, 0.3 + 1.1j]), np.array([0.0, 0.6, 0.4 + 0.3j])
+    p, turn = 0.3 + 0.4j, np.exp(0.5j)
+    rows = planar_rods(base, platform, np.abs(p + turn * platform - base))
+    for factors in ([1.0, 1.0, 1.0], [1e7, 1.0, 1e-7]):
+        found = find_real_solutions(planar_displacements(2), rows * np.reshape(factors, (3, 1)))
+        assert found.status == "proved"
+        there = found.p[:, 0] + 1j * found.p[:, 1]
+        assert np.abs(there - p).min() < 1e-9
+
+
 def test_a_pose_in_which_two_meet_is_not_counted_as_single():
     base = np.array([0.0, 1.0, 0.3 + 1.1j])
     through = 0.4 + 0.3j  # the lines of all legs pass it: Type 2

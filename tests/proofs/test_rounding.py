@@ -145,6 +145,27 @@ def last_columns_are_enclosed():
             assert off[-1] <= column.last_error[k]
 
 
+def bordered_solutions_are_enclosed():
+    """(eta, g) and (psi, g) of every P within the change in the box and the error at the middle.
+
+    The singular vectors of the least singular value of a diagonal P are the last unit vector, or minus that.
+    """
+    rng = np.random.default_rng(14)
+    P = np.array([np.diag([3.0, 2.0, least]) for least in rng.uniform(0.01, 0.5, 3)])
+    for change, error in ((0.0, 1e-3), (1e-3, 0.0), (1e-3, 1e-3)):
+        enclosed = interval_newton.enclose_bordered_solutions(P, np.full(P.shape, change), error)
+        for right, turn in zip(enclosed, (lambda M: M, np.transpose), strict=True):
+            assert right.valid.all()
+            for k, middle in enumerate(P):
+                b = np.sign(right.z[k, 2]) * np.eye(3)[2:]  # c as well
+                sides = exact(signs(rng, middle))
+                for half_width in (Fraction(change) + Fraction(error), Fraction(error)):
+                    M = np.block([[exact(middle) + half_width * sides, b.T], [b, 0]])
+                    off = np.abs(solve_exactly(turn(exact(M)), exact([0, 0, 0, 1])) - exact(right.z[k]))
+                    assert (off <= right.error[k]).all()
+                assert off[-1] <= right.last_error[k]  # for the middle alone
+
+
 def newton_maps_are_enclosed():
     """z - Y F(z) at the corner of a box, for F at the edge of what is known of it."""
     rng = np.random.default_rng(5)
@@ -495,6 +516,7 @@ def balls_end_before_dead_centres():
 
 NO_ROUNDING = (rounding.gamma, "8 * (terms + 4) * UNIT_ROUNDOFF", "0.0")
 combine, map_errors = LinearEnclosure.combine, NewtonMap.errors
+bordered = interval_newton.enclose_bordered_solutions
 last_column, prove = interval_newton._enclose_last_column, krawczyk.prove_existence
 enclose, infinite = krawczyk.enclose_solutions, homotopy._have_no_infinite_point
 remainders, measure = Derivatives.remainders, singular_paving.enclose_measure
@@ -518,6 +540,11 @@ MUTATIONS = {
         (last_column, " + row_sums * largest[:, None]", ""),
         (last_column, "np.matvec(M, z)) + residual_rounding", "np.matvec(M, z))"),
         (last_column, "norm < 1.0", "norm < 1.1"),
+    ],
+    bordered_solutions_are_enclosed: [
+        (bordered, "errors + rounding", "errors"),
+        (bordered, "errors + rounding", "0 * errors + rounding"),
+        (last_column, "solution_error(rounding *", "solution_error(0 * rounding *"),
     ],
     newton_maps_are_enclosed: [
         NO_ROUNDING,

@@ -1,6 +1,7 @@
 """The slider-crank against its loop equation solved in closed form, and against Lagrange in 60 digits."""
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import mpmath as mp
 import numpy as np
@@ -16,7 +17,8 @@ from framework import (
     locate_singularities,
     velocity_matrices,
 )
-from framework.model.description import Actuator, Platform
+from framework.atlas.nearest import nearest_singular_pose
+from framework.model.description import Actuator, Closure, Platform
 from framework.planning.scenes import scene_path
 from tests.oracles.closed_form import Kinematics
 from tests.oracles.one_degree import OneDegree
@@ -68,6 +70,30 @@ def driven_at_the_crank() -> ParallelRobot:
         description, platform=Platform("slider", ("x",)), actuators=(Actuator("crank_bearing"),), springs=()
     )
     return ParallelRobot.from_description(turned)
+
+
+def with_rod_as_distance() -> ParallelRobot:
+    """The same with the rod a distance from the crank's pin to the slider: one passive joint, the crank."""
+    description = robots.load("slider_crank").description
+    root = ElementTree.fromstring(description.urdf_text)
+    for name in ("crank_pin", "rod"):
+        root.remove(root.find(f"*[@name='{name}']"))
+    end = root.find("joint[@name='rod_end']")
+    end.find("parent").set("link", "crank")
+    end.find("origin").set("xyz", f"{CRANK} 0 0")
+    reference = {name: description.reference[name] for name in ("crank_bearing", "slide")}
+    closure = Closure("rod", ("rod_tip", "slider"), ("distance",), ROD)
+    text = ElementTree.tostring(root, encoding="unicode")
+    changed = replace(description, urdf_text=text, closures=(closure,), springs=(), reference=reference)
+    return ParallelRobot.from_description(changed)
+
+
+def test_with_one_passive_joint_the_nearest_singular_pose_is_a_dead_centre():
+    robot = with_rod_as_distance()
+    assert robot.n_p == 1
+    found = nearest_singular_pose(robot, assemble(robot, [0.1]), within=0.3, max_cells=20)
+    assert found.x[0] == pytest.approx(OUTER, abs=1e-9)
+    assert 0.8 * found.distance < found.at_least <= found.distance
 
 
 def velocity_ratio(x):

@@ -10,6 +10,9 @@ contradict each other. Where they agree the robot passes: straight down it falls
 Beside the flat pose there are three crossings, each of its own, and each is found.
 """
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -23,6 +26,7 @@ from framework import (
     plan_crossing,
     simulate,
 )
+from framework.planning.optimal import optimal_task
 from tests.oracles import naive
 from tests.robots.test_gough_stewart import gradient, kinetic_energy, plucker, potential_energy
 
@@ -39,6 +43,20 @@ def test_we_count_them_and_refuse_what_they_cannot_have_together():
     assert refusal.value.count == 3
     with pytest.raises(NoLaw, match=r"3 motions are uncontrolled at once.* the optimal law each"):
         plan_crossing(robot, path, duration=1.0, law="polynomial")
+
+
+@pytest.mark.parametrize(("z", "second", "meets"), [(2.0, 0.0, True), (-2.0, 0.0, False), (2.0, 0.1, False)])
+def test_two_conditions_at_once_determine_the_speed(monkeypatch, z, second, meets):
+    """Two rows, and one that repeats the first but for `second`, of z = s'^2 and u = s" that are chosen."""
+    slopes = np.array([[1.0, 2.0], [3.0, -1.0], [2.0, 4.0]])
+    constant = -slopes @ [z, 0.7] + [0.0, 0.0, second]
+    rows = np.column_stack([constant, slopes, np.zeros(3)])
+    monkeypatch.setattr(optimal_task, "crossing_rows", lambda branch, phi, point: rows[[0, 1 + bool(second)]])
+    branch = SimpleNamespace(path=Line(START, -START))
+    point = SimpleNamespace(s=0.5, corank=2)
+    task = SimpleNamespace(robot=robots.load("gough_stewart"), branch=branch, phi=None, targets=[point])
+    with nullcontext() if meets else pytest.raises(UncontrolledMotions, match="two uncontrolled motions"):
+        optimal_task.check_speeds(task)
 
 
 @pytest.mark.parametrize("options", [dict(times=[]), dict(at=[0.5])])

@@ -1,12 +1,14 @@
 """Freedoms counted by hand: what is idle, what is loose, and along which axes a platform moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import robots
 from framework import ParallelRobot, SingularReference, assemble, check_robot
 from framework.kinematics.assembly import close_reference
-from framework.kinematics.diagnostics.mobility import count_freedoms
+from framework.kinematics.diagnostics.mobility import count_freedoms, motions_within_limits
 from framework.model.readers import read_any
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.robots.every_robot import RIGID
@@ -198,3 +200,11 @@ def test_every_robot_of_ours_moves_along_its_axes_and_nothing_else_does(name):
     assert found.mobility == len(found.platform_axes)
     assert found.square
     assert found.assembled
+
+
+def test_another_pose_is_sought_only_for_a_reference_beyond_the_limits():
+    description = robots.load("slider_crank").description
+    assert motions_within_limits(description) is None
+    # crank and rod to the left, where the slide's range ends at 0
+    mirrored = {"crank_bearing": 2.5, "crank_pin": 0.8, "slide": -0.15}
+    assert motions_within_limits(replace(description, reference=mirrored)) is not None

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import mpmath
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing
@@ -15,7 +16,7 @@ from framework.model.description import JointDynamics
 from framework.numerics.bernstein import DEGREE, Bernstein
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal import path_series, peak_bound
-from framework.planning.optimal.dual_program import DualProgram, Multipliers
+from framework.planning.optimal.dual_program import DualProgram, Evidence, Multipliers
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries
@@ -70,10 +71,36 @@ def close_below(value, best, share=3e-3):
     assert (1.0 - share) * best < value < (1.0 + 1e-9) * best
 
 
+def test_margins_grow_until_the_factor_is_proved():
+    """Of a solver whose factor stays below the margin that it is asked for, on each of two cells."""
+    lacking = np.array([0.3, 0.02])
+    program = SimpleNamespace(
+        series=None,
+        factor_error=np.full(2, 1e-3),
+        solve=lambda margin: margin - lacking,
+        evaluate_bound=lambda factor: Evidence(1.0, np.maximum(-factor, 0.0), np.full(2, 0.5)),
+    )
+    assert peak_bound._solve_program(program, None).complete
+
+
 def test_a_mass_is_moved_by_full_force_forth_and_back(monkeypatch):
     close_below(bound_duration(motion(monkeypatch)).value, 2.0 * np.sqrt(MASS / LIMIT))
     task = motion(monkeypatch, duration=1.7)
     close_below(bound_peak(task, np.ones(1)).value, 4.0 * MASS / 1.7**2)
+
+
+def test_a_mass_that_grows_on_a_short_stretch_is_resolved_there(monkeypatch):
+    """Of m(s) z'/2 = +-L the integral z = 2 L I(s), I = integral of 1/m, is the largest up to I's middle."""
+    mass = lambda s: MASS * (1.0 + np.exp(-(((s - 0.3) / 0.003) ** 2)))  # noqa: E731
+    task = motion(monkeypatch, torque=lambda s: (0.0 * s, 0.0 * s, mass(s)))
+    s = np.linspace(0.0, 1.0, 20001)
+    times = []
+    for places in (s, s[::-1]):  # from either end: dt = ds / sqrt(z) = 2 m d(sqrt(I)) / sqrt(2 L)
+        integral = np.abs(cumulative_trapezoid(1.0 / mass(places), places, initial=0.0))
+        half = integral <= 0.5 * integral[-1]
+        slowness = 2.0 * mass(places[half]) / np.sqrt(2.0 * LIMIT)
+        times.append(np.trapezoid(slowness, np.sqrt(integral[half])))
+    close_below(bound_duration(task).value, sum(times))
 
 
 def test_a_weight_is_lifted_with_what_it_leaves_of_the_limit(monkeypatch):
