@@ -337,10 +337,10 @@ class ElasticSearch:
     def _improve(self, law: Best) -> Iterator[Iterate]:
         """Yield motions in balance: under the law nearest to a first one, and under better laws.
 
-        The best motion is that of least merit, or the last allowed one that costs less than those before. Torques
-        are linearised about the last motion, also if it is worse than the best: the next step may correct it.
-        After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and after a step without a
-        motion, the next law is sought nearer to the best motion.
+        The best motion is that of least merit, or the last allowed one that costs less than those before.
+        Torques are linearised about the last motion, also if it is worse than the best: the next step may
+        correct it. After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and after a step
+        without a motion, the next law is sought nearer to the best motion.
         """
         goal = self.task.specification.goal
         about = best = self._balance_law(law, None)
@@ -362,7 +362,7 @@ class ElasticSearch:
             except FAILURES:
                 if least_cost == np.inf and TRUST_LOSS * trust < LEAST_TRUST:
                     raise
-            # the linear torques are right, and limits are exceeded between the points: half the margin is left
+            # the linear torques are right, and limits are exceeded between points: half the margin is left
             if new is not None and new.excess > 1.0 and new.motion.has_predicted_peak:
                 share *= (1.0 - 0.5 * LIMIT_MARGIN) / new.excess
             is_least = new is not None and new.worst <= 1.0 and new.motion.cost(goal) < least_cost
