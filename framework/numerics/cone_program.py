@@ -23,6 +23,7 @@ from framework.numerics.time_limit import check_time
 # from closing, the last one sums of squares beside cones of small weight: equilibrated, these stall at once
 ATTEMPTS = ((1e-8, 0, True), (3e-8, 2, True), (1e-7, 10, True), (1e-9, 10, True), (1e-8, 0, False))
 TOLERANCE = 1e-8  # of a solution, in the units of the optimum
+STALLED_RATIO = 10.0  # tolerance of a solution that is accepted although the solver stalls, over `tolerance`
 SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first and the second tolerance
 
 
@@ -101,14 +102,16 @@ class Unsolved(NamedTuple):
 
 
 def solve_cone_program(
-    program: ConeProgram, *, tolerance: float = TOLERANCE
+    program: ConeProgram, *, tolerance: float = TOLERANCE, stalled_gap: float = 0.0
 ) -> Mapping[str, Array] | Unsolved:
     """Compute the unknowns of least cost by name, or return the solver's status.
 
     Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in a product of cones.
 
     Args:
-        tolerance: largest duality gap of the cost, absolute and relative, and largest residual of the rows.
+        tolerance: largest duality gap of the cost, absolute and relative, and largest residual of the rows;
+            those of a solution at which the solver stalls may be STALLED_RATIO times as large.
+        stalled_gap: duality gap that such a solution may also have.
     """
     import clarabel
 
@@ -116,7 +119,7 @@ def solve_cone_program(
     objective = _objective(program)
     constraints = _constraints(program)
     for attempt in ATTEMPTS:
-        settings = _cone_settings(*attempt, tolerance)
+        settings = _cone_settings(*attempt, tolerance, max(stalled_gap, STALLED_RATIO * tolerance))
         solution = clarabel.DefaultSolver(*objective, *constraints, settings).solve()
         status = str(solution.status)
         if status in SOLVED or status == "PrimalInfeasible":
@@ -241,14 +244,11 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
     return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
 
 
-def _cone_settings(regularization: float, refinements: int, equilibrated: bool, tolerance: float) -> Any:
-    """Return settings for cone programs, of one of ATTEMPTS.
-
-    `tolerance` is that of gap and residual; a stalled solution may exceed it by `stalled_ratio`.
-    """
+def _cone_settings(
+    regularization: float, refinements: int, equilibrated: bool, tolerance: float, stalled_gap: float
+) -> Any:
+    """Return settings for cone programs, of one of ATTEMPTS, with the tolerances of `solve_cone_program`."""
     max_iterations = 200
-    # tolerance of a solution that is accepted although the solver stalls, over `tolerance`
-    stalled_ratio = 10.0
     settings = _settings()
     settings.max_iter = max_iterations
     settings.iterative_refinement_enable = refinements > 0
@@ -256,9 +256,10 @@ def _cone_settings(regularization: float, refinements: int, equilibrated: bool, 
     settings.static_regularization_constant = regularization
     settings.equilibrate_enable = equilibrated
     # fields such as tol_gap_abs of a solution, and reduced_tol_gap_abs of one at which the solver stalls
-    for prefix, allowed in (("", tolerance), ("reduced_", stalled_ratio * tolerance)):
-        for measure in ("gap_abs", "gap_rel", "feas"):
-            setattr(settings, f"{prefix}tol_{measure}", allowed)
+    gaps = {"gap_abs": stalled_gap, "gap_rel": stalled_gap}
+    for measure, stalled in {**gaps, "feas": STALLED_RATIO * tolerance}.items():
+        setattr(settings, f"tol_{measure}", tolerance)
+        setattr(settings, f"reduced_tol_{measure}", stalled)
     return settings
 
 

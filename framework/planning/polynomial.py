@@ -18,7 +18,7 @@ from framework.dynamics.inverse_dynamics import resolve, resolve_law
 from framework.dynamics.restoration import solve_balance
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import LAW_ROOT_ROUNDING, find_instants, panel_edges
-from framework.errors import InvalidInput, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
+from framework.errors import InvalidInput, NoLaw, NotConverged, SpringsTooSoft
 from framework.laws.law import NO_HIGH, Law, PlannedLaw, conditions_at_instants, speed_ratios_and_peaks
 from framework.laws.optimal_law import InTime
 from framework.numerics.arrays import Array
@@ -64,7 +64,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
     """
     first = undeformed_polynomial(to_cross, request, searched=searched)
     raised = _raise_degree(to_cross.crossing_points, request, above=first[0].degree)
-    failures = list[NotConverged | NoLaw]()
+    failures = list[NotConverged]()
     for law, undeformed_timing in chain([first], raised):
         timing = undeformed_timing
         crossed: Sequence[SingularPoint] = ()  # of the deformed robot
@@ -79,10 +79,6 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
             raise
         except NotConverged as failure:
             failures.append(failure)
-        except UnboundedTorque as unbounded:  # mostly as the law turns back and crosses once more
-            if request.at is not None or not timing:  # conditions elsewhere, or none, are asked for
-                raise
-            failures.append(NoLaw(unbounded.message, name=unbounded.name))
     else:
         raise failures[0]
     planned = dynamics.law

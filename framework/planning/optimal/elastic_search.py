@@ -339,8 +339,8 @@ class ElasticSearch:
 
         The best motion is that of least merit, or the last allowed one that costs less than those before.
         Torques are linearised about the last motion, also if it is worse than the best: the next step may
-        correct it. After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and after a step
-        without a motion, the next law is sought nearer to the best motion.
+        correct it. After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and after a
+        step without a motion, the next law is sought nearer to the best motion.
         """
         goal = self.task.specification.goal
         about = best = self._balance_law(law, None)

@@ -48,6 +48,7 @@ POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
 POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
 RMS_TOLERANCE = 1e-6  # of programs with RMS limits, whose squared torques may lie anywhere below loose limits
+CURVATURE_GAP = 1e-5  # of the smoothest law where the solver stalls; it may be a little less smooth
 REST_SHARE = 0.5  # of what springs may move at the ends
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 INTERNAL_WEIGHT = 1e-1  # of the bends of internal torques in the cost of a smooth law
@@ -325,7 +326,8 @@ class SpeedProgram:
             nonnegative,
             self._cones(units, powers, timed=timed),
         )
-        optimum = solve_cone_program(program, tolerance=tolerance)
+        stalled_gap = CURVATURE_GAP if goal == "curvature" else 0.0
+        optimum = solve_cone_program(program, tolerance=tolerance, stalled_gap=stalled_gap)
         if isinstance(optimum, Unsolved):
             return optimum
 

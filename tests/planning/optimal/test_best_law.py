@@ -1,5 +1,6 @@
 """The optimal law: what it is best at, its limits, and the motions that only it makes possible."""
 
+import clarabel
 import numpy as np
 import pytest
 from numpy.polynomial.chebyshev import chebval, poly2cheb
@@ -324,3 +325,29 @@ def test_a_limit_that_is_exceeded_between_points_still_has_a_law():
         robots.load("three_rrr"), "crossing", law="optimal", optimize="time", torque_limit=30.0, duration=None
     )
     assert rigid.duration < plan.duration < 1.05 * rigid.duration
+
+
+@pytest.mark.slow
+def test_a_smooth_law_is_found_at_once_where_limits_leave_hardly_a_choice(monkeypatch):
+    """Laws here differ by 0.4 %: the solver stalls in digits of a curvature that no one needs."""
+    statuses = list[str]()
+    solver = clarabel.DefaultSolver
+
+    class Heard:
+        def __init__(self, *program):
+            self.solver = solver(*program)
+
+        def solve(self):
+            solution = self.solver.solve()
+            statuses.append(str(solution.status))
+            return solution
+
+    monkeypatch.setattr(clarabel, "DefaultSolver", Heard)
+    path = Line([-0.13462, 0.23115, 0.39903], [0.18997, 0.32572, 0.51356])
+    # the quickest law within the speed limit takes 3.212 s
+    plan = plan_crossing(robots.load("three_rpr"), path, duration=3.213, speed_limit=19.03)
+    assert statuses
+    assert "InsufficientProgress" not in statuses
+    t = np.linspace(0.0, plan.duration, 20011)
+    assert np.abs(plan.motor_angle(t, 1)).max() <= 19.03
+    assert max(defects_of(plan)) < 1e-9
