@@ -216,7 +216,7 @@ def _joint_inertia(robot: ParallelRobot) -> Array:
 
 
 def _rotor_inertia(robot: ParallelRobot, N: Array) -> Array:
-    """Compute the inertia N_a' I N_a (P, n, n) of rotors as the platform's axes feel it."""
+    """Compute the inertia N_a' I N_a (P, n, n) of rotors along the platform's axes [kg m^2, kg]."""
     N_a = N[:, robot.actuated]  # (P, n_a, n)
     return N_a.swapaxes(1, 2) @ (_joint_inertia(robot)[:, None] * N_a)
 

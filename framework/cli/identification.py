@@ -275,7 +275,9 @@ def run_identify(options: Namespace) -> Report:
         options.written = document["robot_file"] = str(
             identification.write(options.out, overwrite=options.overwrite)
         )
-    return document, identification_lines(identification, everything=options.all)
+    return document, identification_lines(
+        identification, everything=options.all, conditional=bool(options.only)
+    )
 
 
 def _list_by_motor(robot: ParallelRobot, values: Array, units: Names, *, digits: int) -> str:
@@ -289,8 +291,15 @@ def _tell_left_out(count: int) -> str:
     return f" ({count} rows without all numbers, or that repeat one, left out)" if count else ""
 
 
-def identification_lines(identification: Identification, *, everything: bool = False) -> list[str]:
-    """Return the report on identified parameters, in words; `everything` lists the base parameters."""
+def identification_lines(
+    identification: Identification, *, everything: bool = False, conditional: bool = False
+) -> list[str]:
+    """Format the report on identified parameters as lines of text.
+
+    Args:
+        everything: whether base parameters are listed, too.
+        conditional: whether some unknowns keep the file's values, so that all deviations rest on these.
+    """
     base = identification.base
     robot = identification.robot
     least = 1e-3 * identification.period  # of a jitter that is told
@@ -313,7 +322,9 @@ def identification_lines(identification: Identification, *, everything: bool = F
         lines.append("  quantity\tvalue\tdeviation\tfile\tunit")
     for quantity in shown:
         remark = ", if other values of the file are right" if quantity.shown else ", not shown by these data"
-        lines.append(QUANTITY.format(quantity, quantity.unit + remark * (not quantity.determined)))
+        lines.append(
+            QUANTITY.format(quantity, quantity.unit + remark * (conditional or not quantity.determined))
+        )
     hidden = len(identification.quantities) - len(shown)
     if hidden:
         lines.append(f"  not shown         by these data: {hidden} more quantities, see --all")

@@ -352,7 +352,7 @@ def _describe_sensors(predictions: list[LoopPrediction], trials: list[SensorTria
 def _format_sensors(
     setup: StudySetup, predictions: list[LoopPrediction], trials: list[SensorTrial]
 ) -> list[str]:
-    """Return what is predicted and tried by sensors, in text."""
+    """Format predictions and trials by sensors as lines of text."""
     lines: list[str] = []
     if predictions:
         chosen = suggest_sensors(predictions, setup.loop.tolerance)

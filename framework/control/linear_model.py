@@ -316,7 +316,7 @@ def _require_mass(robot: ParallelRobot, M: Array) -> None:
 
 
 def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
-    """Choose motors whose joints deflections move independently; return them and the other deflections.
+    """Choose motors whose joints deflections move independently, and list the remaining deflections.
 
     The motors replace k deflections, chosen so that W is as far from singular as possible at the worst of the
     T instants. The other deflections stay coordinates.

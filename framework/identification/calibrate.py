@@ -599,7 +599,7 @@ class _Weighted(NamedTuple):
         return -self.root @ ((s * right + self.gradient) / (s**2 + 1.0 + damping))
 
     def cost(self, equations: ParameterEquations, values: Array, prior: Array) -> float:
-        """Compute the cost of `fit_geometry` with these weights and this noise."""
+        """Compute the dimensionless cost of `fit_geometry` at parameters (p,), weights and noise fixed."""
         scale = self.weights[:, None] / self.noise
         parts = (scale * equations.residual, equations.loop_residual, values / prior)
         return float(sum(np.sum(part**2) for part in parts))
@@ -617,18 +617,19 @@ def _weigh(equations: ParameterEquations, values: Array, prior: Array, weights: 
     loops = np.concatenate(equations.loop_slopes)
     prior_root = prior[:, None] * posterior_root(loops * prior)
     residuals = np.sqrt(np.sum(equations.residual**2, axis=1) / equations.per_instant)  # (T,)
-    noise = 0.0
-    for estimated in (False, True):  # the noise, then the weights that it gives
+
+    def reduce_rows(weights: Array) -> Array:
+        """Reduce the weighted equations and residuals to R (p + 1, p + 1)."""
         rows = np.concatenate(weights[:, None, None] * equations.matrix) @ prior_root
         right = (weights[:, None] * equations.residual).ravel()
         augmented = np.concatenate([np.column_stack([rows, right]), np.zeros((p + 1, p + 1))])
-        R = np.asarray(np.linalg.qr(augmented, mode="r"))
-        U, s, V_rows = np.linalg.svd(R[:p, :p])
-        if not estimated:
-            count = len(weights) * equations.per_instant
-            noise, _ = _estimate_noise(s, count, float(np.median(residuals)))
-            ratios = huber_ratio * noise / np.maximum(residuals, RANK_ROUNDING)
-            weights = np.sqrt(np.minimum(1.0, ratios))
+        return np.asarray(np.linalg.qr(augmented, mode="r"))
+
+    sizes = np.asarray(np.linalg.svd(reduce_rows(weights)[:p, :p], compute_uv=False), float)  # (p,)
+    noise, _ = _estimate_noise(sizes, len(weights) * equations.per_instant, float(np.median(residuals)))
+    weights = np.sqrt(np.minimum(1.0, huber_ratio * noise / np.maximum(residuals, RANK_ROUNDING)))
+    R = reduce_rows(weights)
+    U, s, V_rows = np.linalg.svd(R[:p, :p])
     root = prior_root @ V_rows.T
     gradient = root.T @ (values / prior**2) + (loops @ root).T @ equations.loop_residual.ravel()
     return _Weighted(root, s, U.T @ R[:p, p], gradient, weights, noise)

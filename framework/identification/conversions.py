@@ -110,7 +110,7 @@ class Conversions:
 
 
 def _count_turns(data: Recording, times: Array, angles: Array, name: str) -> Array:
-    """Return angles (T,) [rad] with the turns counted at which they begin anew.
+    """Count the turns of angles (T,) [rad] that begin anew after one turn.
 
     Between samples of the usual distance a motor turns by less than half a turn. Over a gap in time it turns
     by a mean speed between those before and behind the gap.
@@ -221,14 +221,14 @@ def suspects(data: Recording, kinds: Sequence[str]) -> Iterator[Conversions]:
             yield Conversions(swaps=dict(zip(both[one], both[other], strict=True)))
 
 
-def _trial_of_zero(
+def _search_zero(
     data: Recording, column: str, measure: Callable[[Recording], float]
 ) -> tuple[float, Conversions]:
-    """Search the zero of a column with the least misfit, within what the column travels; return both."""
+    """Search the zero of a column with the least misfit, within the travel of the column."""
     from scipy.optimize import minimize_scalar  # slow to import
 
     def misfit(zero: float) -> float:
-        """Compute the misfit with this zero, a large one if there is none."""
+        """Compute the squared misfit with a zero, a large number where poses fail."""
         return min(measure(Conversions(zeros={column: zero}).convert(data)), 1.0 / CLEAR_MISFIT)
 
     sizes = np.ptp(data.column(column)) * 0.5 ** np.arange(6)
@@ -267,7 +267,7 @@ def refuse_mistaken_columns(
     is_blind = not any(_kind_of(name) == "platform" for name in data.names)  # poses would show a zero
     if least * FAULT_RATIO > min(own, 1.0) and "torque" in kinds and is_blind:
         motors = [name for name in data.names if _kind_of(name) == "motor_angle"]
-        trials = [_trial_of_zero(data, motor, measure) for motor in motors]
+        trials = [_search_zero(data, motor, measure) for motor in motors]
         least, change = min(trials, key=lambda trial: trial[0])
     if least * FAULT_RATIO > min(own, 1.0):
         return

@@ -142,7 +142,7 @@ def estimate(
     # The second derivatives by unknowns and z, which these steps leave out, lower the information: where
     # accelerations are little above their noise, the corrected motion shows some of the noise as motion.
     by_torque = (whitening.T @ (whitening @ (residual.ravel() - slopes @ corrections))).reshape(T, n_a)
-    mixed = motion.mixed(response[..., 1:], by_torque)  # (z, k)
+    mixed = motion.mixed_derivatives(response[..., 1:], by_torque)  # (z, k)
     by_sensors = np.linalg.solve(R[:s, :s], R[:s, s:-1])  # (s, k)
     by_unknowns = reduced.corrections[:, s:-1] - reduced.corrections[:, :s] @ by_sensors  # (z, k)
     cross = by_unknowns.T @ mixed
@@ -197,7 +197,7 @@ class _MotionErrors(NamedTuple):
         T, _, k = slopes.shape
         return banded_rows(slopes, np.arange(T * k).reshape(T, k), T * k) @ self.accelerations
 
-    def mixed(self, response: Array, torque: Array) -> Array:
+    def mixed_derivatives(self, response: Array, torque: Array) -> Array:
         """Compute second derivatives (m k, u) of torque . equations by z and u unknowns."""
         slopes = np.einsum("ta,tasu->tsu", torque, response)  # (T, k, u) by accelerations
         return np.asarray(self.accelerations.T @ slopes.reshape(-1, response.shape[-1]))

@@ -316,7 +316,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
 
 
 def _find_with_fewer_limits(group: _Group, failure: NotAssembled) -> Array:
-    """Search offsets (k,) of a group without the limits of one joint; those found may keep them all.
+    """Search offsets (k,) of a group without the limits of one joint [rad, robot lengths].
 
     Raises:
         NotAssembled: the failure; if the loops close beyond the joints' limits, with these limits.

@@ -56,7 +56,7 @@ class LinearisedLoops:
 
     @property
     def linearised(self) -> LinearisedLoops:
-        """These equations themselves, which `close_loops` once returned as a part; deprecated."""
+        """The equations themselves, once a part of the result of `close_loops`; deprecated."""
         warn("close_loops(..).linearised goes in 0.10: see close_loops(..)", DeprecationWarning, stacklevel=2)
         return self
 

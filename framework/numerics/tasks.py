@@ -271,7 +271,7 @@ def _answer_call(call: bytes) -> bytes:
 
 @lru_cache(maxsize=1)
 def _load_function(pickled: bytes) -> Callable[..., Any]:
-    """Unpickle a function, one object for many tasks: caches of the robot serve all of them."""
+    """Unpickle a function, one object for many tasks, so that the caches of a robot serve all tasks."""
     return pickle.loads(pickled)
 
 

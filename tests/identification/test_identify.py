@@ -621,6 +621,11 @@ def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monk
     report = capsys.readouterr().out
     for words in ("left_rod.mx", "friction alone", "uncertain"):
         assert words in report
+    # with some unknowns alone, deviations rest on all others as in the file, whose rotors are a fifth off
+    assert main(["identify", "five_bar", str(data), "--only", "payload", "friction"]) == 0
+    rows = [row for row in capsys.readouterr().out.splitlines() if "motor.friction  " in row]
+    assert len(rows) == 2
+    assert all("if other values of the file are right" in row for row in rows)
     assert main(["identify", "five_bar", str(tmp_path / "none.csv")]) == 2
     assert "none.csv" in capsys.readouterr().err
 

@@ -56,6 +56,12 @@ def test_beside_the_locus_the_law_of_lower_peak_torque_is_taken(optimal):
     assert f"largest torque, {peaks(polynomial):.4g} N m, is beside s = " in optimal.reason
 
 
+@pytest.mark.slow
+def test_the_law_that_takes_the_place_of_a_polynomial_is_the_optimal_one(optimal):
+    plan = plan_crossing(robots.load("five_bar"), BESIDE, duration=1.5, law="optimal")
+    assert (plan.law.kind, peaks(plan)) == ("optimal", peaks(optimal))
+
+
 A, B, S = (
     np.array([0.1, 0.345]),
     np.array([-0.05, 0.195]),

@@ -115,6 +115,13 @@ def test_a_picture_is_of_the_kind_asked_for():
 
 
 @pytest.mark.slow
+def test_a_picture_says_of_each_scene_whether_it_passes():
+    films = [filmed("five_bar", scene) for scene in "ABC"]  # A has no eye
+    svg = film_picture(films, "svg").decode()
+    assert all(words in svg for words in ("keeps clear", "no torque is large enough", "coasting: works"))
+
+
+@pytest.mark.slow
 def test_a_moving_picture_stands_two_seconds_at_the_singular_instant():
     film = filmed("five_bar", "C")
     moving = Image.open(io.BytesIO(film_picture([film], "gif")))

@@ -71,7 +71,7 @@ def test_under_gravity_slowness_does_not_help():
 
 @pytest.mark.slow
 def test_under_gravity_no_law_whatever_is_slow():
-    with pytest.raises(NoLaw):
+    with pytest.raises(NoLaw, match="no law that always advances"):
         plan_crossing(robots.load("slider_crank"), DEAD_CENTRE, duration=1e6)
 
 

@@ -452,7 +452,7 @@ def _primitive_shapes(
 
 
 def _read_inertia(scope: Scope, name: str) -> Element:
-    """Return the stated inertia of a link, that of its collisions if it is `auto`, else SDF's default."""
+    """Read the stated inertia of a link, for `auto` that of collisions, without any SDF's default."""
     where, link = f"link {name!r}", scope.links[name]
     stated = link.find("inertial")
     inertial = Element("inertial") if stated is None else stated

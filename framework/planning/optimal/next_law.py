@@ -22,7 +22,7 @@ from framework.planning.optimal.best_law import Best, make_best
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, cost_of
 from framework.planning.optimal.smooth_search import NEARLY_SETTLED, find_exceeded_places
-from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units, bend_rows
+from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN
 
 SMOOTHNESS_WEIGHT, INERTIA_FACTOR = 8e-4, 2.0  # the factor if springs carry inertia, which rough laws shake
@@ -99,9 +99,9 @@ def _model_cost(
     time = weights * z_0**-0.5  # (P,) [s]
     cost = dict[str, Array]()
     # roughness: the derivative of weight r^power is that of weight power r_0^(power - 1) r
-    bends = bend_rows(program)  # (P, n)
+    bends = program.bends  # (P, n)
     squared_mean = float(weights @ z_0) ** 2
-    roughness = float(np.sum((bends @ y_0) ** 2)) / squared_mean + 1.0  # of a straight z, 1 counts
+    roughness = float(np.sum((bends @ y_0) ** 2)) / squared_mean + 1.0  # 1 of a straight z
     weight = smoothness * (INERTIA_FACTOR if problem.response.holds_rest else 1.0)
     weight *= ROUGHNESS_POWER * (roughness / MODERATE_ROUGHNESS) ** ROUGHNESS_POWER / roughness
     matrix = bends * (np.sqrt(weight / squared_mean) / units.time**2)

@@ -180,12 +180,25 @@ class SpeedProgram:
         return self.basis.matrix(self.positive_xi)
 
     @cached_property
+    def bends(self) -> SparseRows:
+        """Compute rows (P, n) on y whose sum of squares is the integral of (d2z/dsigma2)^2.
+
+        A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
+        """
+        stretch = self.problem.task.stretch
+        inside = self._inner_points
+        sigma = self.problem.sigma(self.xi)[inside]
+        z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
+        bends = z_xi_xi.scale(stretch(sigma, 1) ** 2) + z_xi.scale(stretch(sigma, 2))
+        return bends.scale(np.sqrt(self._inner_weights))
+
+    @cached_property
     def curvature(self) -> AffineRows:
-        """Compute rows (P, n) of `bend_rows` and of internal torques.
+        """Compute rows (P, n) of `bends` and of internal torques.
 
         All rows are divided by their root mean square, so that the cost is near 1, as the solver needs it.
         """
-        rows = bend_rows(self)
+        rows = self.bends
         # the root mean square of the entries, times the root of the number of rows
         size = np.sqrt(np.mean(np.square(rows.values)) * rows.shape[0])
         curvature = rows / size
@@ -580,19 +593,6 @@ class SpeedProgram:
             ]
             cones.append(product_cone({name: identity}, {"r": identity}, twice_torque))
         return cones
-
-
-def bend_rows(program: SpeedProgram) -> SparseRows:
-    """Compute rows (P, n) on y whose sum of squares is the integral of (d2z/dsigma2)^2.
-
-    A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
-    """
-    stretch = program.problem.task.stretch
-    inside = program._inner_points
-    sigma = program.problem.sigma(program.xi)[inside]
-    z_xi, z_xi_xi = (program.basis.matrix(program.xi[inside], order) for order in (1, 2))
-    curvature = z_xi_xi.scale(stretch(sigma, 1) ** 2) + z_xi.scale(stretch(sigma, 2))
-    return curvature.scale(np.sqrt(program._inner_weights))
 
 
 def _weigh_limits(xi: Array, cells: Array, crossings: Array) -> list[Array]:
