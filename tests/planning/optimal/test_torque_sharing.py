@@ -210,6 +210,7 @@ def test_smoothness_counts_bends_of_the_speed_and_of_internal_torques_apart():
         _inner_weights=rng.uniform(0.5, 1.0, 9),
         frames=None,
     )
+    program.bends = SpeedProgram.bends.func(program)
     alone = SpeedProgram.curvature.func(program).parts["y"]
     program.frames = frames
     rows = SpeedProgram.curvature.func(program).parts
