@@ -168,10 +168,10 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     # half a turn is rounded up, so that the ends of the region overlap
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
-    partition = branch_and_bound(test, region, max_examined=max_boxes)
+    tested, _ = branch_and_bound(test, region, max_examined=max_boxes)
 
-    arcs = join(partition.proved)
-    undecided = join([partition.undecided, partition.pending])  # too small, or not tested
+    arcs = join(tested.proved)
+    undecided = join([tested.undecided, tested.pending])  # too small, or not tested
     if test.others is not None:  # an arc of some loop equations proves no pose that closes the others
         unproved = join([undecided, Boxes(arcs.middle, arcs.radii)])
         undecided = select(unproved, ~(test.are_others_open(unproved) | test.are_regular(unproved)))
