@@ -323,8 +323,9 @@ class _Refinement:
             NotConverged: the springs are too soft for the motion.
         """
         branch = self.searched.branch
-        crossings = self.crossed if self.known is None or not self.crossings else self.crossings
-        instants = np.array([crossing.time for crossing in crossings])
+        instants = np.array([time for time, _ in self.crossed])
+        if self.known is not None and self.crossings:
+            instants = np.array([crossing.time for crossing in self.crossings])
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:

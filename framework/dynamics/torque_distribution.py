@@ -15,7 +15,6 @@ the one of least norm is taken: it is unique.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -154,9 +153,10 @@ def distribute_torques(
         least = motion.solve_least_peak(reference)
         if least is None:
             return result
-        allowed = np.minimum(limit, (1.0 + PEAK_ROUNDING) * least.peak * reference)
+        _, peak = least
+        allowed = np.minimum(limit, (1.0 + PEAK_ROUNDING) * peak * reference)
     internal = motion.solve_least_norm(allowed) or least or motion.solve_least_peak(limit)
-    return result if internal is None else motion.certify(motion.fit_torques(internal.x))
+    return result if internal is None else motion.certify(motion.fit_torques(internal[0]))
 
 
 def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
@@ -164,13 +164,6 @@ def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -
     changed = replace(result, torques=torques)
     peaks = peak_sizes(changed.torque, torques.grid)
     return float((peaks / limit).max())
-
-
-class _InternalTorques(NamedTuple):
-    """Coefficients x (n r,) of internal torques, and the peak of torques over limits."""
-
-    x: Array
-    peak: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,19 +227,19 @@ class _SharedMotion:
         )
         return replace(result, torques=torques, certificate=certificate)
 
-    def solve_least_norm(self, limit: Array) -> _InternalTorques | None:
-        """Solve for the x of least norm within limits (n_a,) at all nodes; None if unsolved."""
+    def solve_least_norm(self, limit: Array) -> tuple[Array, float] | None:
+        """Solve for the x (n r,) of least norm within limits (n_a,) at all nodes, as `_solve_within`."""
         count = self.rows[0].shape[1]
         square = linear_rows(x=SparseRows.identity(count))
         return self._solve_within(ConeProgram({"x": count}, square=square), limit, fixed=True)
 
-    def solve_least_peak(self, limit: Array) -> _InternalTorques | None:
-        """Solve for the x of least peak over limits (n_a,) at all nodes; None if unsolved."""
+    def solve_least_peak(self, limit: Array) -> tuple[Array, float] | None:
+        """Solve for the x (n r,) of least peak over limits (n_a,) at all nodes, as `_solve_within`."""
         sizes = {"x": self.rows[0].shape[1], "peak": 1}
         return self._solve_within(ConeProgram(sizes, {"peak": np.ones(1)}), limit, fixed=False)
 
-    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> _InternalTorques | None:
-        """Solve a program of x and `peak` with |torque| <= peak limit at all nodes; None if unsolved.
+    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> tuple[Array, float] | None:
+        """Solve a program of x (n r,) and `peak` with |torque| <= peak limit at all nodes; None if unsolved.
 
         Rows where torques of least norm are large come first, and others where the solution exceeds limits.
 
@@ -276,19 +269,19 @@ class _SharedMotion:
             optimum = solve_cone_program(replace(program, nonnegative=bounds))
             if isinstance(optimum, Unsolved):
                 return None
-            internal = _InternalTorques(optimum["x"], 1.0 if fixed else float(optimum["peak"][0]))
+            x, peak = optimum["x"], 1.0 if fixed else float(optimum["peak"][0])
 
             # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
-            sizes = np.abs(self._add_internal(internal.x) + self.friction)
-            beside = np.maximum(sizes, self._largest_beside(internal.x))
-            ratio = beside / (internal.peak * limit / self.reference)
+            sizes = np.abs(self._add_internal(x) + self.friction)
+            beside = np.maximum(sizes, self._largest_beside(x))
+            ratio = beside / (peak * limit / self.reference)
             is_exceeded = ratio > 1.0 + ROW_ROUNDING
             if not is_exceeded.any():
                 break
             between = is_exceeded & has_row & (beside > sizes)
             allowed[between] /= ratio[between]
             has_row |= is_exceeded
-        return internal
+        return x, peak
 
     def _largest_beside(self, x: Array) -> Array:
         """Compute the largest torques (T, n_a) over the reference beside each node, for coefficients x.
