@@ -150,12 +150,13 @@ def distribute_torques(
     allowed = (1.0 - ROOM) * limit
     least = None
     if least_peak:
-        least = motion.solve_least_peak(reference)
+        least = motion.solve_within(reference, least_peak=True)
         if least is None:
             return result
         _, peak = least
         allowed = np.minimum(limit, (1.0 + PEAK_ROUNDING) * peak * reference)
-    internal = motion.solve_least_norm(allowed) or least or motion.solve_least_peak(limit)
+    internal = motion.solve_within(allowed, least_peak=False) or least
+    internal = internal or motion.solve_within(limit, least_peak=True)
     return result if internal is None else motion.certify(motion.fit_torques(internal[0]))
 
 
@@ -227,30 +228,27 @@ class _SharedMotion:
         )
         return replace(result, torques=torques, certificate=certificate)
 
-    def solve_least_norm(self, limit: Array) -> tuple[Array, float] | None:
-        """Solve for the x (n r,) of least norm within limits (n_a,) at all nodes, as `_solve_within`."""
-        count = self.rows[0].shape[1]
-        square = linear_rows(x=SparseRows.identity(count))
-        return self._solve_within(ConeProgram({"x": count}, square=square), limit, fixed=True)
-
-    def solve_least_peak(self, limit: Array) -> tuple[Array, float] | None:
-        """Solve for the x (n r,) of least peak over limits (n_a,) at all nodes, as `_solve_within`."""
-        sizes = {"x": self.rows[0].shape[1], "peak": 1}
-        return self._solve_within(ConeProgram(sizes, {"peak": np.ones(1)}), limit, fixed=False)
-
-    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> tuple[Array, float] | None:
-        """Solve a program of x (n r,) and `peak` with |torque| <= peak limit at all nodes; None if unsolved.
+    def solve_within(self, limit: Array, *, least_peak: bool) -> tuple[Array, float] | None:
+        """Solve for x (n r,), of least norm or of least peak, with |torque| <= peak limit at all nodes.
 
         Rows where torques of least norm are large come first, and others where the solution exceeds limits.
 
         Args:
             limit: (n_a,) [N m]; motors with an infinite limit have no rows.
-            fixed: whether the peak is 1.
+            least_peak: whether the peak is minimised; otherwise it is 1.
+
+        Returns:
+            x and the peak, or None if unsolved.
         """
+        count = self.rows[0].shape[1]
+        if least_peak:
+            program = ConeProgram({"x": count, "peak": 1}, {"peak": np.ones(1)})
+        else:
+            program = ConeProgram({"x": count}, square=linear_rows(x=SparseRows.identity(count)))
         torques = self.least_norm + self.friction  # (T, n_a) over the reference
         allowed = np.tile(limit / self.reference, (len(torques), 1))  # (T, n_a)
         has_row = np.abs(torques) > FIRST_ROWS * allowed
-        if not fixed:
+        if least_peak:
             has_row |= np.isfinite(allowed)
         has_row[::2] = False
         for _ in range(MAX_ROUNDS):
@@ -261,15 +259,15 @@ class _SharedMotion:
                 for sign in (-1.0, 1.0):
                     parts = {"x": sign * self.rows[motor][chosen]}
                     offset = sign * torques[chosen, motor]
-                    if fixed:
-                        offset = offset + largest
-                    else:
+                    if least_peak:
                         parts["peak"] = SparseRows.of(largest[:, None])
+                    else:
+                        offset = offset + largest
                     bounds.append(AffineRows(parts, offset))
             optimum = solve_cone_program(replace(program, nonnegative=bounds))
             if isinstance(optimum, Unsolved):
                 return None
-            x, peak = optimum["x"], 1.0 if fixed else float(optimum["peak"][0])
+            x, peak = optimum["x"], float(optimum["peak"][0]) if least_peak else 1.0
 
             # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
             sizes = np.abs(self._add_internal(x) + self.friction)
