@@ -135,11 +135,23 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
         return _plan_optimal(to_cross, request, "it was asked for")
     if request.kind == "optimal":  # by a goal, or by limits without a duration
         return _plan_goal(to_cross, request)
-    if request.may_be_optimal:
-        return _plan_with_either_law(to_cross, request)
-    plan = plan_polynomial(to_cross, request)
-    if _limit_ratio(plan) <= 1.0:
-        return plan
+    # Polynomials through several points seldom advance, s' > 0. Without springs, n_e = 0, an optimal law is
+    # found sooner than times and speeds with which a polynomial advances.
+    may_be_optimal = request.may_be_optimal
+    is_few = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS
+    is_searched = is_few or to_cross.branch.robot.n_e > 0 or not may_be_optimal
+    try:
+        plan = plan_polynomial(to_cross, request, searched=is_searched)
+    except (NoLaw, NotConverged) as no_polynomial:
+        if not may_be_optimal:
+            raise
+        return _plan_without_polynomial(to_cross, request, no_polynomial, is_searched=is_searched)
+    excess = _limit_ratio(plan)
+    if excess <= 1.0:
+        is_chosen = request.speeds is None and request.times is None
+        return _improve_polynomial(to_cross, plan) if may_be_optimal and is_chosen else plan
+    if may_be_optimal:
+        return _plan_optimal(to_cross, request, f"the polynomial needs {excess:.4g} times the limits")
     use = max(plan.motor_use, key=lambda use: use.ratio)
     raise NoLaw(
         f"the polynomial needs {use.ratio:.4g} times the limits: {use.sentence}",
@@ -165,23 +177,6 @@ def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
         if plan is None:
             raise
         return plan
-
-
-def _plan_with_either_law(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with a polynomial, or with the optimal law where the polynomial is refused or not good enough."""
-    # Polynomials through several points seldom advance, s' > 0. Without springs, n_e = 0, an optimal law is
-    # found sooner than times and speeds with which a polynomial advances.
-    is_searched = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS or to_cross.branch.robot.n_e > 0
-    try:
-        plan = plan_polynomial(to_cross, request, searched=is_searched)
-    except (NoLaw, NotConverged) as no_polynomial:
-        return _plan_without_polynomial(to_cross, request, no_polynomial, is_searched=is_searched)
-    excess = _limit_ratio(plan)
-    if excess > 1.0:
-        return _plan_optimal(to_cross, request, f"the polynomial needs {excess:.4g} times the limits")
-    if request.speeds is not None or request.times is not None:
-        return plan
-    return _improve_polynomial(to_cross, plan)
 
 
 def _plan_without_polynomial(
