@@ -29,7 +29,6 @@ from framework.dynamics.motion_checks import (
     MissingForces,
     check_idle_joints,
     check_instants,
-    find_missing_forces,
     measure_residuals,
     unresolved_error,
     unseen_near_miss,
@@ -253,8 +252,7 @@ def _resolve_on_grids(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        missing = find_missing_forces(robot, solution, result)
-        result = measure_residuals(solution, result, missing)
+        result, missing = measure_residuals(solution, result)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)

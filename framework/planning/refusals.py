@@ -114,7 +114,7 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
-        dynamics.motion_checks.find_missing_forces
+        dynamics.motion_checks.measure_residuals
     LoadedJoint: a joint is loaded that nothing holds
         dynamics.motion_checks.check_idle_joints
 

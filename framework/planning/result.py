@@ -302,7 +302,14 @@ def certified_plan(
         elif condition is not None and request.geometry == "deformed":
             deflection = Deflection.evaluate(dynamics.deflection, measured.time)
             condition = coefficients_at(to_cross.branch, measured, deflection)
-        time, speed, acceleration = _planned_motion(measured, law, timing)
+        # the motion of the law replaces the measured one, which differs only by rounding
+        motion = measured.time, measured.speed, measured.acceleration
+        for time, speed in timing:
+            if abs(time - measured.time) < SAME_PLACE * law.duration:
+                _s, at_law, acceleration = map(float, law.derivatives(time, 3))
+                is_same = abs(speed - at_law) < SAME_PLACE * at_law
+                motion = time, speed if is_same else at_law, acceleration
+        time, speed, acceleration = motion
         crossings.append(
             replace(measured, condition=condition, time=time, speed=speed, acceleration=acceleration)
         )
@@ -317,18 +324,3 @@ def certified_plan(
         reason=reason,
         optimality=optimality,
     )
-
-
-def _planned_motion(
-    crossing: Crossing, law: PlannedLaw, timing: Sequence[CrossingTime]
-) -> tuple[float, float, float]:
-    """Return time [s], s' [1/s] and s" [1/s^2] of a crossing: those of its law, or else measured ones.
-
-    Times and speeds for which the law was made replace measured ones that differ only by rounding.
-    """
-    for time, speed in timing:
-        if abs(time - crossing.time) < SAME_PLACE * law.duration:
-            _s, found, acceleration = map(float, law.derivatives(time, 3))
-            is_same = abs(speed - found) < SAME_PLACE * found
-            return time, speed if is_same else found, acceleration
-    return crossing.time, crossing.speed, crossing.acceleration
