@@ -123,10 +123,6 @@ class LawProblem(NamedTuple):
         task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
 
-    def drop_stops(self) -> LawProblem:
-        """Return the problem without the required instants inside the path."""
-        return self.with_goal(self.specification.goal, times=())._replace(stops=())
-
     @property
     def averaging_time(self) -> float | None:
         """The time [s] over which squared torques are averaged; None if open, before a law."""
@@ -288,7 +284,7 @@ def motor_rows(
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)  # torques, speeds over d sigma/dt, and internal torques of the motors
     z0 = problem.z0 if problem.z0 is not None and problem.task.robot.is_damped else None
-    c, cz, cu = required.linearise_damping(None if z0 is None else z0(sigma))
+    c, cz, cu = required.torque.with_damping(required.damping, None if z0 is None else z0(sigma))
     c = c + required.friction(problem.specification.friction)
 
     # z and u as rows (M, n) on the coefficients of z
@@ -322,9 +318,7 @@ def _rows_of_response(
         basis: the functions of xi whose combination is z.
     """
     specification = problem.specification
-    speed = response.speed(xi)
-    torque = response.torque(xi)
-    slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
+    torque, slopes, speed = response.evaluate_motors(xi)  # (M, n_a), (M, n_a, n), (M, n_a)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     motors = range(torque.shape[1])
     torques = tuple(Affine(SparseRows.of(slopes[:, j]), offset[:, j]) for j in motors)

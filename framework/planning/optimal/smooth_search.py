@@ -138,7 +138,8 @@ class SmoothSearch(NamedTuple):
             return self, self._solve_above_floor(own, similar=similar)[0]
         starts = [] if similar is None else [similar]
         if problem.stops:  # the law that meets the last instant alone may nearly meet the others
-            free = replace(self.program, problem=problem.drop_stops())
+            without_stops = problem.with_goal(self.goal, times=())._replace(stops=())
+            free = replace(self.program, problem=without_stops)
             _, law = self._replace(program=free).find_smooth()
             if isinstance(law, Speed):
                 starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
@@ -418,11 +419,6 @@ class SmoothSearch(NamedTuple):
                 return NoneFound(self.program, "z is not positive"), 0.0
         return NoneFound(self.program, status), 0.0
 
-    @property
-    def _positive_sigma(self) -> Array:
-        """The points sigma (m,) of the rows that keep z positive."""
-        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive_xi, -1.0, 1.0))
-
     def _choose_waits(self, width: float, goal: str) -> Iterator[BoolArray]:
         """Yield masks (m, points) of intervals of the required stages in which a law may wait.
 
@@ -435,7 +431,8 @@ class SmoothSearch(NamedTuple):
             goal: of the law.
         """
         problem = self.program.problem
-        sigma = self._positive_sigma
+        positive_xi = np.clip(self.program.positive_xi, -1.0, 1.0)
+        sigma = problem.task.stretch.inverse(positive_xi)  # (points,)
         cost = self._holding_cost(sigma)
         is_minimum = np.pad((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]), 1)
         edges = np.array([0.0, *problem.stops, 1.0])
