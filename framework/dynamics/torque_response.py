@@ -179,12 +179,13 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> l
     forces = force_changes(robot, balance.motion, multipliers, load_changes)  # (3, T, n_e, nv)
     forces[1:] *= robot.elastic_inertia  # False: no forces by rates and accelerations
     forces[0][:, range(robot.n_e), robot.elastic] += balance.stiffer * robot.stiffness
-    accelerations = changes.accelerations[..., robot.actuated]
-    slopes = []
-    for force, acceleration in zip(forces, accelerations, strict=True):  # value, rate, acceleration
-        slope = _balance_motors(robot, balance, force.swapaxes(1, 2), acceleration.swapaxes(1, 2))
-        slopes.append(slope * spring_units(robot))
-    return slopes
+    accelerations = changes.accelerations[..., robot.actuated]  # (3, T, n_e, n_a)
+    # the changes by value, rate and acceleration side by side: (T, nv, 3 n_e) and (T, n_a, 3 n_e)
+    forces, accelerations = (
+        np.concatenate(list(values.swapaxes(2, 3)), axis=2) for values in (forces, accelerations)
+    )
+    slopes = _balance_motors(robot, balance, forces, accelerations)  # (T, n_a, 3 n_e)
+    return [slope * spring_units(robot) for slope in np.split(slopes, 3, axis=2)]
 
 
 def _balance_motors(
