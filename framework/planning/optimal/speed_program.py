@@ -315,8 +315,8 @@ class SpeedProgram:
         equal = [_scale_large_rows(conditions)]
         # rows that may not be negative: z between its bounds, limits, integrals, motions of springs at ends
         positive = self.positive_rows  # (m, n)
-        lowest = np.broadcast_to(floor, len(self.positive_xi))  # (m,) [1/s^2]
-        highest = np.minimum(problem.max_squared_speed, np.broadcast_to(cap, len(self.positive_xi)))
+        lowest = np.maximum(floor, np.zeros(positive.shape[0]))  # (m,) [1/s^2]
+        highest = np.minimum(cap, np.full(positive.shape[0], problem.max_squared_speed))
         if problem.response is not None and problem.trust < np.inf:
             z_0 = positive @ problem.response.y  # (m,) of the motion about which torques are linear
             lowest = np.maximum(lowest, (1.0 - problem.trust) * z_0)
@@ -337,10 +337,16 @@ class SpeedProgram:
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
 
-        costs = {"time": {"v": self.stage_weights[stage]}, "energy": {"e": self._inner_weights}}
-        costs["curvature"] = {}  # of the goal's square alone
-        square = self.curvature if goal == "curvature" and model is None else None
-        cost, square = model or (costs.get(goal, {"peak": np.ones(1)}), square)
+        cost: Mapping[str, Array] = {"peak": np.ones(1)}
+        square = None
+        if model is not None:
+            cost, square = model
+        elif goal == "time":
+            cost = {"v": self.stage_weights[stage]}
+        elif goal == "energy":
+            cost = {"e": self._inner_weights}
+        elif goal == "curvature":
+            cost, square = {}, self.curvature
         cones = self._cones(units, powers, timed=timed)
         optimum = solve_cone_program(
             ConeProgram(sizes, cost, square, equal, nonnegative, cones),
@@ -396,8 +402,10 @@ class SpeedProgram:
             limit = bounds.share * drives.rms_torque_limit[motor]  # [N m]
             relative = limit / (self.problem.reference[motor] * units.torque)
             largest[f"e{motor}"] = relative**2 * T / units.time
-        weights = SparseRows.of(-self._inner_weights[None])
-        return rows + [AffineRows({name: weights}, np.array([bound])) for name, bound in largest.items()]
+        for name, bound in largest.items():
+            weights = SparseRows.of(-self._inner_weights[None])
+            rows.append(AffineRows({name: weights}, np.array([bound])))
+        return rows
 
     def _duration_tangents(self, y: Array, durations: Array, units: Units) -> AffineRows:
         """Return the rows T_lin(z) - duration of all stages with a finite duration.
