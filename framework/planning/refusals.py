@@ -74,7 +74,7 @@ The optimal law:
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
-        planning.optimal.undeformed_law.find_law
+        planning.optimal.undeformed_law.find_undeformed_law
     NoLaw: the springs give way at an end, at rest, or, to first order, along the path
         planning.optimal.elastic_search.ElasticSearch
     NotConverged: no law within all limits is resolved
