@@ -315,7 +315,7 @@ def smooth(
         InvalidInput: the cutoff is outside the range that the samples allow.
     """
     min_coefficients = 8
-    max_share = 0.3  # of coefficients among the samples
+    max_share = 0.5  # of coefficients among the samples; the rest shows the noise
     growth = 1.25  # of the number of coefficients, from one trial to the next
     refinement = 1.6  # coefficients for derivatives, over those for the curve
     noise_runs = 8  # simulated noise from which that of the derivatives is estimated
