@@ -87,16 +87,6 @@ def run_calibrate(options: Namespace) -> Report:
     return document, calibration_lines(calibration)
 
 
-def _noise_text(calibration: Calibration) -> str:
-    """State the estimated noise over the assumed noise."""
-    if calibration.degrees_of_freedom < 1.0:
-        return "too few poses to estimate the noise: deviations are those of the noise assumed"
-    return (
-        f"{calibration.noise:.2g} of the noise assumed, of {calibration.degrees_of_freedom:.3g} equations "
-        f"more than the parameters need"
-    )
-
-
 def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
     names = calibration.geometry.names
@@ -104,7 +94,13 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     outliers = f"; outliers: {', '.join(calibration.outlier_rows)}" if calibration.outliers else ""
     source = "motor angles" if calibration.poses == "motors" else "the platform: motors lead elsewhere"
     left_out = _tell_left_out(calibration.left_out)
-    lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers, left_out, source)]
+    noise = "too few poses to estimate the noise: deviations are those of the noise assumed"
+    if calibration.degrees_of_freedom >= 1.0:
+        noise = (
+            f"{calibration.noise:.2g} of the noise assumed, of {calibration.degrees_of_freedom:.3g} "
+            f"equations more than the parameters need"
+        )
+    lines = [CALIBRATED.format(calibration, len(names), noise, outliers, left_out, source)]
     lines += ["  {}\t{:.2e}\t{:.2e}".format(*error) for error in calibration.errors_held_out()]
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(names, calibration.values, calibration.deviations, strict=True)
@@ -116,21 +112,17 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]
     if len(unseen) > MAX_LISTED:
         lines.append(f"    and {len(unseen) - MAX_LISTED} more, see --json")
-    return lines + _list_further_poses(calibration)
-
-
-def _list_further_poses(calibration: Calibration) -> list[str]:
-    """List the poses to measure next, and the deviations that they would at least halve."""
+    # the poses to measure next, and the deviations that they would at least halve
     further = calibration.further
     gain = further.deviations / calibration.deviations
     shown = np.argsort(gain)[: np.count_nonzero(gain < 0.5)]
-    if not len(shown):
-        return []
-    changes = [*zip(calibration.geometry.names, calibration.deviations, further.deviations, strict=True)]
-    listed = ", ".join("{} {:.1e} -> {:.1e}".format(*changes[k]) for k in shown[:MAX_LISTED])
-    more = f" and {len(shown) - MAX_LISTED} more, see --json" if len(shown) > MAX_LISTED else ""
-    head = f"  deviations that {len(further.platform)} further poses would leave: {listed}{more}"
-    return [head, *(f"    {calibration.robot.place(x)}" for x in further.platform)]
+    if len(shown):
+        changes = [*zip(names, calibration.deviations, further.deviations, strict=True)]
+        listed = list_names(["{} {:.1e} -> {:.1e}".format(*changes[k]) for k in shown], most=MAX_LISTED)
+        more = ", see --json" if len(shown) > MAX_LISTED else ""
+        lines.append(f"  deviations that {len(further.platform)} further poses would leave: {listed}{more}")
+        lines += [f"    {calibration.robot.place(x)}" for x in further.platform]
+    return lines
 
 
 # ------------------------------------------------------------------ crossing identify

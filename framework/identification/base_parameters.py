@@ -92,26 +92,20 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
     # (n_a,) each, in the order of `OF_MOTORS`
     motor_values = [robot.rotor_inertia, robot.joint_damping[motors], robot.joint_friction[motors]]
     # without a mass in the file the size is arbitrary
-    body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
+    mass = robot.mass or 1.0
+    body_sizes = np.tile(mass * robot.length**LENGTH_POWERS, len(bodies))
+    # on the joint side the inertia I is mass length^2 for a hinge and the mass for a slide; at the typical
+    # rate w = sqrt(g / length) viscous friction has the size I w, and dry friction the size I w^2
+    inertia = mass * (robot.length / robot.column_scale[motors]) ** 2  # the scale of a slide is the length
+    rate = np.sqrt(gravity_scale(robot) / robot.length)
+    motor_sizes = [inertia / robot.gear_ratio**2, inertia * rate, inertia * rate**2]  # (n_a,) each
     return TorqueParameters(
         bodies=np.array(bodies, dtype=np.intp),
         links=links,
         names=tuple(names),
         values=np.concatenate([*body_values, np.stack(motor_values, axis=1).ravel()]),
-        sizes=np.concatenate([body_sizes, _motor_sizes(robot).ravel()]),
+        sizes=np.concatenate([body_sizes, np.stack(motor_sizes, axis=1).ravel()]),
     )
-
-
-def _motor_sizes(robot: ParallelRobot) -> Array:
-    """Compute typical sizes (n_a, 3) of rotor inertia, viscous and dry friction.
-
-    On the joint side the inertia I is mass length^2 for a hinge and the mass for a slide. With the typical
-    rate w = sqrt(g / length) viscous friction has the size I w, and dry friction the size I w^2.
-    """
-    scale = robot.column_scale[robot.actuated]  # 1 for a hinge, the robot's length for a slide
-    inertia = (robot.mass or 1.0) * (robot.length / scale) ** 2
-    rate = np.sqrt(gravity_scale(robot) / robot.length)
-    return np.stack([inertia / robot.gear_ratio**2, inertia * rate, inertia * rate**2], axis=1)
 
 
 def gravity_scale(robot: ParallelRobot) -> float:

@@ -220,7 +220,7 @@ def calibrate(
     outliers = np.flatnonzero(~is_test)[fit.weights**2 < 0.5].tolist()
     # predict the other instants with the file's parameters, and with the fitted ones
     test = measured.select_instants(is_test)
-    predict_error = partial(_prediction_error, geometry, test, _Poses(q[is_test], source))
+    predict_error = partial(_prediction_error, geometry, test, q[is_test], source)
     return Calibration(
         robot=robot,
         geometry=geometry,
@@ -244,17 +244,10 @@ def calibrate(
     )
 
 
-class _Poses(NamedTuple):
-    """Assembled poses by the file's geometry, and the measurements that they meet."""
-
-    q: Array  # (T, nq)
-    source: str  # motors or platform
-
-
 def _solve_poses(
     geometry: Geometry, measured: Measurements, solve: Callable[[ParallelRobot, Array], Array]
-) -> _Poses:
-    """Solve the poses at the measured motor angles, or where these do not lead, of the measured platform.
+) -> tuple[Array, str]:
+    """Solve the poses q (T, nq) at the measured motors, else at the measured platform; name which of both.
 
     Beyond a Type 2 singularity, where assembly modes meet, motors lead to another pose than the measured one
     or to none. A platform that is measured whole does determine the pose, in the reference's working mode.
@@ -273,15 +266,15 @@ def _solve_poses(
         by_platform = _solve_at_platform(geometry, measured) if has_platform else None
         if by_platform is None:
             raise
-        return _Poses(by_platform, "platform")
+        return by_platform, "platform"
     if has_platform:
         x = measured.values[:, measured.columns_of("platform")]
         offset = model.platform.residual(frames_at(model, q), x) / model.platform_scale
         if np.abs(offset).max() > MAX_MOTOR_MISFIT:
             by_platform = _solve_at_platform(geometry, measured)
             if by_platform is not None:
-                return _Poses(by_platform, "platform")
-    return _Poses(q, "motors")
+                return by_platform, "platform"
+    return q, "motors"
 
 
 def _solve_at_motors(model: ParallelRobot, motors: Array) -> Array:
@@ -380,7 +373,9 @@ def _check_plausible(geometry: Geometry, prior_ratios: Array, noise_ratio: float
         )
 
 
-def _prediction_error(geometry: Geometry, measured: Measurements, poses: _Poses, values: Array) -> Array:
+def _prediction_error(
+    geometry: Geometry, measured: Measurements, q: Array, source: str, values: Array
+) -> Array:
     """Compute root mean square errors (m,) [rad, m] of measurements predicted from those of the source.
 
     Motors or platform are moved to their measured positions, and the parameters to `values` (p,). Then the
@@ -390,20 +385,20 @@ def _prediction_error(geometry: Geometry, measured: Measurements, poses: _Poses,
         NotConverged: the loops do not close.
     """
     model = geometry.with_lengths(values)
-    leading = measured.values[:, measured.columns_of(poses.source)]  # (T, n_a) or (T, n)
+    leading = measured.values[:, measured.columns_of(source)]  # (T, n_a) or (T, n)
     dimensions = geometry.dimensions(values)
-    if poses.source == "motors":
-        steps = leading - model.actuated_coordinates(poses.q)
-        start = _move_poses(model, poses.q, model.actuated, steps, dimensions)
+    if source == "motors":
+        steps = leading - model.actuated_coordinates(q)
+        start = _move_poses(model, q, model.actuated, steps, dimensions)
         closed = close_at_motors(model, start, np.zeros((len(start), model.model.nv)), start)
     else:
-        start = _move_poses(model, poses.q, model.actuated[:0], np.zeros((len(poses.q), 0)), dimensions)
+        start = _move_poses(model, q, model.actuated[:0], np.zeros((len(q), 0)), dimensions)
         closed = close_each(model, leading, start)
     if not closed.closed.all():
         worst = np.argmin(closed.closed)
         raise NotConverged(
             f"at pose {worst + 1} of those held out the loops do not close at the measured "
-            f"{poses.source}; these data are of another robot, or the file is too far off",
+            f"{source}; these data are of another robot, or the file is too far off",
             name=model.name,
             residual=float(closed.linearised.gap[worst]),
         )

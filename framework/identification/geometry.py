@@ -35,7 +35,7 @@ from framework.model.loop_rows import LoopRows
 from framework.model.placement import placement, rotation_about
 from framework.model.robot_file import read_robot_file
 from framework.model.urdf_edits import origin_element, urdf_text
-from framework.model.urdf_elements import Joint, Tree, read_tree
+from framework.model.urdf_elements import Joint, read_tree
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
@@ -157,8 +157,10 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     """
     description = robot.description
     tree = read_tree(fromstring(description.urdf_text))
-    # choose joints that exist, in the order of the URDF
-    candidates = _joints_to_frames(description, tree)
+    # choose of the joints between the base and the frames of platform and closures
+    frames = [description.platform.frame, *(frame for each in description.closures for frame in each.frames)]
+    between = {joint.name for frame in frames for joint in tree.path_to_base(tree.link_of(frame))}
+    candidates = [name for name in tree.joints if name in between]  # in the order of the URDF
     with_length = [closure.name for closure in description.closures if closure.length is not None]
     numbers = tuple(name for name in description.parameters if name in (joints or ()))
     for name in joints or ():
@@ -173,11 +175,15 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     lengths = tuple(name for name in with_length if joints is None or name in joints)
     chosen = tuple(name for name in candidates if joints is None or name in joints)
 
-    # place a spring of six virtual joints behind the origin of each joint
+    # place a spring of six virtual joints behind the origin of each joint: the origin of a moving one goes to
+    # a fixed joint before it, with a link without mass between them
     springs = []
     for name in chosen:
-        joint = tree.joints[name]
-        origin_joint = _insert_origin_joint(tree, joint) if joint.moves else name
+        joint, origin_joint = tree.joints[name], name
+        if joint.moves:
+            origin_joint, link = f"{name}_{PLACED}", f"{name}_{PLACED}_link"
+            tree.put(Joint(origin_joint, "fixed", joint.origin, parent=joint.parent, child=link))
+            tree.put(replace(joint, origin=np.eye(4), parent=link, element=None))
         stiffness = (1.0,) * len(AXES)  # required, but without effect on the geometry
         springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, stiffness))
 
@@ -253,25 +259,6 @@ def _uncalibrated_geometry(description: RobotDescription) -> tuple[object, ...]:
 def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
     """Return the elements of a URDF with the tag "joint" or "link", by name."""
     return {element.get("name", ""): element for element in urdf.findall(tag)}
-
-
-def _joints_to_frames(description: RobotDescription, tree: Tree) -> list[str]:
-    """Return the joints between the base and the frames of platform and closures, in URDF order."""
-    frames = [description.platform.frame, *(frame for each in description.closures for frame in each.frames)]
-    joints = {joint.name for frame in frames for joint in tree.path_to_base(tree.link_of(frame))}
-    return [name for name in tree.joints if name in joints]
-
-
-def _insert_origin_joint(tree: Tree, joint: Joint) -> str:
-    """Insert a fixed joint that takes over the origin of a moving one; return its name.
-
-    A new link without mass lies between the fixed joint and the moving one, whose own origin is then zero.
-    """
-    name = f"{joint.name}_{PLACED}"
-    link = f"{name}_link"
-    tree.put(Joint(name, "fixed", joint.origin, parent=joint.parent, child=link))
-    tree.put(replace(joint, origin=np.eye(4), parent=link, element=None))
-    return name
 
 
 def _move_origin(joint: Element, move: Array) -> None:

@@ -39,7 +39,7 @@ from framework.identification.measured_motion import (
     measured_motion,
     smooth,
 )
-from framework.identification.possible_bodies import PossibleParameters, fit_possible_parameters
+from framework.identification.possible_bodies import fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.identification.torque_rows import TorqueRows, torque_rows
 from framework.identification.unknowns import PAYLOAD, Unknowns, choose_unknowns, is_narrowed, rests_on_data
@@ -302,12 +302,14 @@ def identify(
 
     # the base parameters, then bodies that can exist, and simpler models
     estimated = estimate(rows, unknowns.design, base.values, errors)
-    possible = fit_possible_parameters(robot, links, unknowns, estimated)
-    change = possible.values - links.values
+    possible, possible_spread = fit_possible_parameters(robot, links, unknowns, estimated)
+    change = possible - links.values
     spread = unknowns.design @ estimated.spread  # (rank, k)
     deviations = np.linalg.norm(spread, axis=1)
     by_file = np.linalg.norm(spread @ estimated.spread.T, axis=1)
     by_prior = np.linalg.norm(unknowns.design, axis=1)
+    largest = np.abs(measured.torque).max(axis=0)  # (n_a,)
+    steps = [np.diff(np.unique(column)).min(initial=np.inf) for column in measured.torque.T]
     return Identification(
         robot=robot,
         base=base,
@@ -316,11 +318,11 @@ def identify(
         determined=is_narrowed(deviations, by_prior) & rests_on_data(deviations, by_file),
         parameters=base.described.values + links.to_parameters @ change,
         links=links,
-        link_values=possible.values,
-        quantities=_describe(robot, links, unknowns, possible, estimated.spread),
+        link_values=possible,
+        quantities=_describe(robot, links, unknowns, possible, possible_spread, estimated.spread),
         predictions=_compare(robot, base, links, rows, test, possible, estimated, errors, only),
         noise=estimated.noise,
-        steps=_torque_steps(measured.torque),
+        steps=np.minimum(steps, largest) / largest,
         cutoff=measured.cutoff,
         poses=measured.source,
         motor_misfit=measured.motor_misfit,
@@ -340,12 +342,6 @@ def _blocks(times: Array) -> IntArray:
     return np.minimum((share * BLOCKS).astype(np.intp), BLOCKS - 1)
 
 
-def _torque_steps(torque: Array) -> Array:
-    """Return the least differences (n_a,) of recorded torques (T, n_a), over their largest values."""
-    steps = [np.diff(np.unique(column)).min(initial=np.inf) for column in torque.T]
-    return np.minimum(steps, np.abs(torque).max(axis=0)) / np.abs(torque).max(axis=0)
-
-
 # ------------------------------------------------------------------ predictions
 
 
@@ -355,7 +351,7 @@ def _compare(
     links: LinkParameters,
     rows: TorqueRows,
     test: TorqueRows,
-    possible: PossibleParameters,
+    possible: Array,
     estimated: Estimate,
     errors: Mapping[str, float],
     only: Sequence[str],
@@ -367,7 +363,7 @@ def _compare(
         beta = base.values + base.combinations.coefficients @ links.to_parameters @ (values - links.values)
         return test.torque - test.constant - test.matrix @ beta - estimated.offset
 
-    models = {"twin": residuals(possible.values), "zero": test.torque, "file": residuals(links.values)}
+    models = {"twin": residuals(possible), "zero": test.torque, "file": residuals(links.values)}
     # dry and viscous friction explain the torques, nothing else does
     design = choose_unknowns(base, links, ["friction"]).design
     bare = rows._replace(constant=np.zeros_like(rows.constant))
@@ -377,7 +373,7 @@ def _compare(
         with suppress(InvalidInput):  # the platform has no mass
             payload = choose_unknowns(base, links, [PAYLOAD])
             alone = estimate(rows, payload.design, base.values, errors)
-            models["payload alone"] = residuals(fit_possible_parameters(robot, links, payload, alone).values)
+            models["payload alone"] = residuals(fit_possible_parameters(robot, links, payload, alone)[0])
     return _rank_models(models, test)
 
 
@@ -431,7 +427,8 @@ def _describe(
     robot: ParallelRobot,
     links: LinkParameters,
     unknowns: Unknowns,
-    possible: PossibleParameters,
+    possible: Array,
+    possible_spread: Array,
     spread: Array,
 ) -> tuple[IdentifiedQuantity, ...]:
     """Return masses, centres, central inertias and motor parameters, with deviations.
@@ -441,6 +438,7 @@ def _describe(
     there.
 
     Args:
+        possible, possible_spread: (u,) parameters of links and motors, and a root of their covariance.
         spread: (k, k) a root of the covariance of the unknowns.
     """
     table: list[tuple[str, str]] = []  # names and units of the u quantities
@@ -449,14 +447,14 @@ def _describe(
         units = ("kg m^2", "N s/m", "N") if robot.sliding[column] else ("kg m^2", "N m s/rad", "N m")
         table += zip([f"{joint}.{name}" for name in OF_MOTORS], units, strict=True)
 
-    values = _body_quantities(links, possible.values)
+    values = _body_quantities(links, possible)
     in_file = _body_quantities(links, links.values)
     steps = 1e-6 * np.linalg.norm(links.prior_root, axis=1) + np.finfo(float).tiny  # (u,)
-    changes = _body_quantities(links, possible.values + np.diag(steps)) - values  # (u, u) one row a step
+    changes = _body_quantities(links, possible + np.diag(steps)) - values  # (u, u) one row a step
     J = changes.T / steps  # (u, u)
     # (u,) deviations by data and prior, by the prior, by what no motion shows, and by errors of the file
     from_file = np.hstack([unknowns.shown @ spread @ spread.T, unknowns.hidden])
-    roots = (possible.spread, unknowns.prior_root, unknowns.hidden, from_file)
+    roots = (possible_spread, unknowns.prior_root, unknowns.hidden, from_file)
     deviations, by_prior, left, by_file = (np.linalg.norm(J @ root, axis=1) for root in roots)
     shown = is_narrowed(deviations, by_prior)
     flags = np.column_stack([shown & rests_on_data(deviations, by_file), is_narrowed(left, by_prior), shown])

@@ -11,9 +11,20 @@ Errors of the motion are unknowns too. The coefficients of its splines have erro
 that the angles give. They reach all torques of several knots, by the torques' derivatives with respect to
 accelerations (those of rates and positions are smaller, by the time between knots). The equations are
 evaluated at the corrected motion, and z is eliminated (Gauss-Newton steps of a nonlinear model with errors in
-variables; Fuller, "Measurement Error Models", 1987, section 3.2). The covariance counts second derivatives by
-unknowns and z at the solution. The mean of z would take noise of the motors too, so that their noise is what
-z leaves that is drawn from its distribution.
+variables; Fuller, "Measurement Error Models", 1987, section 3.2). The mean of z would take noise of the
+motors too, so that their noise is what z leaves that is drawn from its distribution.
+
+The corrected motion shows some noise as motion. So the score, the derivative of the misfit by the unknowns,
+has the covariance K of its Gauss-Newton information, but falls by less for a step of the unknowns: by
+H = K - D'C D in the mean, where D are the second derivatives by z and unknowns, and C is the covariance of z.
+(Others have the mean zero: the corrected motion is uncorrelated with what it leaves.) For one unknown b,
+torques b a + e, accelerations a + u, and v = e - b u, these are (Fuller, section 1.3)
+
+    K = sum of (a^2 + var(e) var(u) / var(v)) / var(v),    H = sum of a^2 / var(v).
+
+A score H (truth - b) + noise of the covariance K has the information H K^-1 H (Godambe 1960), by which it is
+weighed against the prior. With K = R'R and 1 - B = R'^-1 H R^-1 this is the information of equations whose
+root is (1 - B) R in place of R. Where H would be negative the data show nothing, and it is 0.
 
 Errors of the torque sensors that are constant through a recording are unknowns with normal priors: a share of
 each torque (`scale`), an offset, and a delay of all torques. QR of the equations with the columns of these
@@ -81,6 +92,8 @@ def estimate(
     Raises:
         InvalidInput: fewer equations than unknowns.
     """
+    from scipy.sparse.linalg import splu  # slow to import
+
     max_passes = 20  # each with the noise that the solution before leaves
     converged = 0.1  # length of a step of all unknowns, in standard deviations
     same_noise = 0.02  # relative change of its size
@@ -92,45 +105,73 @@ def estimate(
             f"faster motion"
         )
     T, n_a = rows.torque.shape
-    motion = _MotionErrors.of(rows)
+    by_samples, by_acceleration = rows.errors  # (N, z), (T signals, z)
+    signals = rows.response.shape[3]
+    groups = np.arange(T * signals).reshape(T, signals)
     augmented = np.column_stack([start, design])  # (r, 1 + k)
     factors = np.eye(1 + k)[0]  # beta = augmented @ factors: 1, then the unknowns
     matrix = rows.matrix @ augmented  # (T, n_a, 1 + k)
     response = rows.response.swapaxes(2, 3) @ augmented  # (T, n_a, signals, 1 + k)
     predicted = rows.torque
-    corrections = np.zeros(motion.angles.shape[1])  # errors z of the motion
     # at first noise as large as the torques, so that errors of sensors and motion explain nothing
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
     size = np.zeros(n_a)  # of the noise
     for _ in range(max_passes):
-        # the equations at the corrected motion, its errors eliminated
-        corrected = matrix + motion.change(response, corrections)  # (T, n_a, 1 + k)
-        sensors, deviations = _sensor_columns(rows, predicted, errors)
-        misfit = rows.torque - rows.constant - matrix @ factors
-        columns = np.concatenate(
-            [sensors, corrected[..., 1:], misfit[..., None]], axis=2
-        )  # (T, n_a, s + k + 1)
-        slopes = motion.torques(response @ factors)  # (T n_a, z)
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
-        reduced = motion.eliminate(whitening @ slopes, whitening @ columns.reshape(T * n_a, -1))
-        # the triangle R of sensors' errors, whose mean is 0, then unknowns and the right side; without the
-        # prior about the unknowns, data that show little would lead them far off
-        s = len(deviations)
-        prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, k + 1))])
-        R = np.asarray(np.linalg.qr(np.concatenate([prior, reduced.rows]), mode="r"))
-        root = R[s:-1, s:-1]  # (k, k) of the unknowns' information
-        spread = posterior_root(root)
-        values = spread @ (spread.T @ (root.T @ (R[s:-1, -1] + root @ factors[1:])))
-        step = values - factors[1:]  # (k,)
-        sensor_errors = np.linalg.solve(R[:s, :s], R[:s, -1] - R[:s, s:-1] @ step)  # (s,)
+        slopes = banded_rows(response @ factors, groups, T * signals) @ by_acceleration  # (T n_a, z)
+        W = whitening @ slopes  # (equations, z)
+        information = splu((W.T @ W + by_samples.T @ by_samples).tocsc())  # of z
 
-        # the noise is what this solution leaves
-        factors = np.append(1.0, values)
+        # at these unknowns the least z, and errors of sensors, whose mean is 0
+        sensors, deviations = _sensor_columns(rows, predicted, errors)
+        s = len(deviations)
+        misfit = rows.torque - rows.constant - matrix @ factors
+        constant = np.concatenate([sensors, misfit[..., None]], axis=2).reshape(T * n_a, -1)
+        reduced, by_column = _eliminate(information, W, by_samples, whitening @ constant)
+        prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, 1))])
+        triangle = np.asarray(np.linalg.qr(np.concatenate([prior, reduced]), mode="r"))  # (s + 1, s + 1)
+        least = np.append(-np.linalg.solve(triangle[:s, :s], triangle[:s, s]), 1.0)
+        accelerations = (by_acceleration @ (by_column @ least)).reshape(T, signals)
+        corrected = matrix + np.einsum("tjkc,tk->tjc", response, accelerations)  # (T, n_a, 1 + k)
+
+        # the triangle R of sensors' errors, unknowns at the corrected motion, and the right side
+        columns = whitening @ corrected[..., 1:].reshape(T * n_a, k)
+        reduced_unknowns, by_unknown = _eliminate(information, W, by_samples, columns)
+        wide = np.insert(np.concatenate([prior, reduced]), [s] * k, 0.0, axis=1)
+        wide[s:, s : s + k] = reduced_unknowns  # (s + equations + N, s + k + 1)
+        R = np.asarray(np.linalg.qr(wide, mode="r"))
+        R_s = R[:s, :s]
+        U, sizes, V_rows = np.linalg.svd(R[s:-1, s:-1])  # (k, k) of the unknowns' K
+
+        # D by what is left, and the root of the information H K^-1 H
+        by_torque = (whitening.T @ (reduced[: W.shape[0]] @ least)).reshape(T, n_a)
+        by_signal = np.einsum("ta,tasu->tsu", by_torque, response[..., 1:])  # (T, signals, k)
+        D = by_acceleration.T @ by_signal.reshape(T * signals, k)  # (z, k)
+        by_sensors = np.linalg.solve(R_s.T, by_column[:, :s].T @ D)  # (s, k): z takes their errors too
+        lost = D.T @ information.solve(D) + by_sensors.T @ by_sensors  # (k, k)
+        scaled = (
+            V_rows / np.maximum(sizes, RANK_ROUNDING * sizes.max(initial=0.0) + np.finfo(float).tiny)[:, None]
+        )
+        slopes_left, Q = np.linalg.eigh(np.eye(k) - scaled @ lost @ scaled.T)  # of 1 - B
+        root = (Q * np.maximum(slopes_left, 0.0)) @ Q.T @ (sizes[:, None] * V_rows)
+
+        # without the prior about the unknowns, data that show little would lead them far off
+        spread = posterior_root(root)
+        solution = spread @ (spread.T @ (root.T @ (U.T @ R[s:-1, -1] + root @ factors[1:])))
+        step = solution - factors[1:]  # (k,)
+        sensor_errors = np.linalg.solve(R_s, R[:s, -1] - R[:s, s:-1] @ step)  # (s,)
+
+        # the noise is what this solution leaves, at a z that is drawn: white noise in place of the torques
+        # and samples draws z minus its mean
+        factors[1:] += step
         predicted = rows.constant + matrix @ factors
-        corrections = reduced.corrections @ np.r_[-sensor_errors, -step, 1.0]
+        z = by_column @ np.append(-sensor_errors, 1.0) - by_unknown @ step
         residual = misfit - sensors @ sensor_errors - corrected[..., 1:] @ step  # (T, n_a)
-        noise = residual - (slopes @ (corrections + reduced.draw)).reshape(T, n_a)
+        random = np.random.default_rng(0)
+        noises = [part.T @ random.standard_normal(part.shape[0]) for part in (W, by_samples)]
+        draw = information.solve(noises[0] + noises[1])
+        noise = residual - (slopes @ (z + draw)).reshape(T, n_a)
         noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
         if rows.independent == 1.0:  # else motors repeat one another
             unmix = _unmixing(noise, rows.valid, noise_filters)
@@ -139,20 +180,8 @@ def estimate(
         if is_same.all() and np.linalg.norm(np.linalg.solve(spread, step)) < converged:
             break
 
-    # The second derivatives by unknowns and z, which these steps leave out, lower the information: where
-    # accelerations are little above their noise, the corrected motion shows some of the noise as motion.
-    by_torque = (whitening.T @ (whitening @ (residual.ravel() - slopes @ corrections))).reshape(T, n_a)
-    mixed = motion.mixed_derivatives(response[..., 1:], by_torque)  # (z, k)
-    by_sensors = np.linalg.solve(R[:s, :s], R[:s, s:-1])  # (s, k)
-    by_unknowns = reduced.corrections[:, s:-1] - reduced.corrections[:, :s] @ by_sensors  # (z, k)
-    cross = by_unknowns.T @ mixed
-    change = cross + cross.T - mixed.T @ reduced.solve(mixed)  # (k, k) of the information
-    ratios, Q = np.linalg.eigh(np.eye(k) + spread.T @ change @ spread)
-    spread = spread @ Q
-    # of those directions none has more than the deviation 1 of the prior
-    spread = spread / np.sqrt(np.maximum(ratios, np.sum(spread**2, axis=0)))
     return Estimate(
-        values=values,
+        values=factors[1:],
         spread=spread,
         noise=np.sqrt(np.sum(residual**2 * rows.valid, axis=0) / np.maximum(rows.valid.sum(axis=0), 1)),
         offset=sensor_errors[s - n_a :] if errors.get("offset") else np.zeros(n_a),
@@ -161,62 +190,13 @@ def estimate(
     )
 
 
-class _Reduced(NamedTuple):
-    """Equations without errors z: |rows x| is the misfit of columns x, least over z."""
+def _eliminate(information: Any, W: Any, by_samples: Any, white: Array) -> tuple[Array, Array]:
+    """Compute what is left (equations + N, c) of columns (equations, c), and z (z, c).
 
-    rows: Array  # (N + T k, c)
-    corrections: Array  # (m k, c) the z of the least, for each column
-    draw: Array  # (m k,) another z minus that of the least, drawn from its distribution
-    solve: Any  # multiplies columns (m k, c) by the covariance of z
-
-
-class _MotionErrors(NamedTuple):
-    """Errors z (m k,) of splines, coefficient by coefficient, each of all k signals."""
-
-    angles: Any  # (samples k, m k) sparse, signals over their noise by z
-    accelerations: Any  # (T k, m k) sparse, by z
-
-    @staticmethod
-    def of(rows: TorqueRows) -> _MotionErrors:
-        """Take the errors of the signals of `rows`."""
-        from scipy.sparse import diags_array, eye_array, kron
-
-        values, accelerations, noise = rows.errors
-        return _MotionErrors(
-            kron(values, eye_array(len(noise)), format="csr"),
-            kron(accelerations, diags_array(noise), format="csr"),
-        )
-
-    def change(self, response: Array, z: Array) -> Array:
-        """Compute the change (T, n_a, c) of equations with a response (T, n_a, k, c) to accelerations."""
-        accelerations = (self.accelerations @ z).reshape(len(response), -1)  # (T, k)
-        return np.einsum("tjkc,tk->tjc", response, accelerations)
-
-    def torques(self, slopes: Array) -> Any:
-        """Return derivatives (T n_a, m k) of the torques, by those of the accelerations (T, n_a, k)."""
-        T, _, k = slopes.shape
-        return banded_rows(slopes, np.arange(T * k).reshape(T, k), T * k) @ self.accelerations
-
-    def mixed_derivatives(self, response: Array, torque: Array) -> Array:
-        """Compute second derivatives (m k, u) of torque . equations by z and u unknowns."""
-        slopes = np.einsum("ta,tasu->tsu", torque, response)  # (T, k, u) by accelerations
-        return np.asarray(self.accelerations.T @ slopes.reshape(-1, response.shape[-1]))
-
-    def eliminate(self, torques: Any, columns: Array) -> _Reduced:
-        """Eliminate z from the equations columns x = torques z and 0 = angles z with unit white noise.
-
-        With the information M = torques' torques + angles' angles, the least is at
-        z = M^-1 torques' columns x, and M^-1 (torques' e + angles' e') has the covariance M^-1 if the noise
-        e, e' is white.
-        """
-        from scipy.sparse.linalg import splu
-
-        random = np.random.default_rng(0)
-        e, e_angles = (random.standard_normal(matrix.shape[0]) for matrix in (torques, self.angles))
-        factor = splu((torques.T @ torques + self.angles.T @ self.angles).tocsc())
-        z = factor.solve(torques.T @ columns)  # (m k, c)
-        draw = factor.solve(torques.T @ e + self.angles.T @ e_angles)
-        return _Reduced(np.concatenate([columns - torques @ z, self.angles @ z]), z, draw, factor.solve)
+    Of |white x - W z|^2 + |by_samples z|^2 the least is at z = information^-1 W' white x.
+    """
+    by_column = information.solve(W.T @ white)
+    return np.concatenate([white - W @ by_column, by_samples @ by_column]), by_column
 
 
 def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, float]) -> tuple[Array, Array]:

@@ -67,16 +67,14 @@ class MeasuredMotion:
 
 
 class SplineErrors(NamedTuple):
-    """Errors of k signals that are splines of m coefficients, in units of one deviation of their samples.
+    """Errors z (m k,) of k splines of m coefficients, over the noise of the samples, m times those of all k.
 
-    The coefficients of a least squares spline of T samples, whose independent errors have the deviation
-    `noise`, have errors z * noise. The information (inverse covariance) of a column of z (m, k) is
-    values' values.
+    The coefficients of a least squares spline of T samples with independent errors have the information
+    (inverse covariance) samples' samples.
     """
 
-    values: Any  # (T, m) sparse, of the samples by the coefficients
-    accelerations: Any  # (S, m) sparse, of the second derivatives at the S instants of the motion
-    noise: Array  # (k,) deviation of a sample
+    samples: Any  # (T k, m k) sparse, of the samples over their noise by z
+    accelerations: Any  # (S k, m k) sparse, of the second derivatives at the S instants of the motion by z
 
 
 class SmoothedSamples(NamedTuple):
@@ -317,10 +315,12 @@ def smooth(
         InvalidInput: the cutoff is outside the range that the samples allow.
     """
     min_coefficients = 8
-    max_share = 0.3  # of coefficients among the samples
+    max_share = 0.5  # of coefficients among the samples; the rest shows the noise
     growth = 1.25  # of the number of coefficients, from one trial to the next
     refinement = 1.6  # coefficients for derivatives, over those for the curve
     noise_runs = 8  # simulated noise from which that of the derivatives is estimated
+    from scipy.sparse import diags_array, eye_array, kron  # slow to import
+
     duration = times[-1] - times[0]
     most = max(int(max_share * len(times)), min_coefficients)
     if cutoff is None:
@@ -359,7 +359,10 @@ def smooth(
         cutoff=0.5 * count / duration,
         rate_error=MIN_SPEED_DEVIATIONS * rate_spread + np.abs(values[1] - coarser(shown, 1)),
         acceleration_known=spreads[1] < MAX_ACCELERATION_SPREAD * np.median(spreads[1]),
-        errors=SplineErrors(values=rows[0], accelerations=rows[1], noise=noise),
+        errors=SplineErrors(
+            samples=kron(rows[0], eye_array(len(noise)), format="csr"),
+            accelerations=kron(rows[1], diags_array(noise), format="csr"),
+        ),
     )
 
 

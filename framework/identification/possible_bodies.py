@@ -8,7 +8,6 @@ the prior divides its parameters among the links.
 
 from __future__ import annotations
 
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -24,20 +23,14 @@ from framework.numerics.cone_program import Affine, Unsolved, least_norm_semidef
 from framework.tolerances import RANK_ROUNDING
 
 
-class PossibleParameters(NamedTuple):
-    """Parameters (u,) of links and motors that can exist."""
-
-    values: Array  # (u,)
-    spread: Array  # (u, w) S, where S S' is their covariance, without the limits of what can exist
-
-
 def fit_possible_parameters(
     robot: ParallelRobot, links: LinkParameters, unknowns: Unknowns, estimated: Estimate
-) -> PossibleParameters:
-    """Compute the most probable parameters (u,) of possible links and motors.
+) -> tuple[Array, Array]:
+    """Compute the most probable parameters (u,) of links and motors that can exist, and a root (u, w).
 
     Without limits the parameters are best + spread y, with independent unit normals y: those of the estimate,
     and those that change no torque. The shortest y with possible parameters is the solution.
+    The root S gives their covariance S S' without the limits of what can exist.
 
     Raises:
         NotConverged: the solver does not converge.
@@ -65,7 +58,7 @@ def fit_possible_parameters(
         link = Element("link")
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
-    return PossibleParameters(values, spread)
+    return values, spread
 
 
 def _inertia_cone(file_values: Array, spread: Array, best: Array) -> Affine:

@@ -11,7 +11,7 @@ import robots
 from framework import InvalidInput, Line, NoAnswer, NotConverged, ParallelRobot, assemble, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
-from framework.identification.calibrate import NOISE, _Poses, _prediction_error
+from framework.identification.calibrate import NOISE, _prediction_error
 from framework.identification.geometry import parametrise_geometry, select_measurements
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
@@ -85,10 +85,10 @@ def test_loops_that_do_not_close_at_poses_held_out_are_refused():
     measured = select_measurements(geometry, only(poses(nominal, nominal, 8, 0), *MEASURED), NOISE)
     start = forward_kinematics_stack(geometry.model, measured.values[:, :2]).q
     values = np.zeros(len(geometry.names))
-    assert _prediction_error(geometry, measured, _Poses(start, "motors"), values).max() < 3 * TRACKER
+    assert _prediction_error(geometry, measured, start, "motors", values).max() < 3 * TRACKER
     values[geometry.names.index("right_rod_tip.x")] = 1.0
     with pytest.raises(NotConverged, match="loops do not close"):
-        _prediction_error(geometry, measured, _Poses(start, "motors"), values)
+        _prediction_error(geometry, measured, start, "motors", values)
 
 
 def test_poses_on_both_sides_of_type_2_calibrate_where_the_platform_is_measured():

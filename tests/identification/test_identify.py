@@ -514,7 +514,7 @@ def test_a_tracker_that_is_slower_and_later_leaves_the_rows_of_the_motors(poses)
     np.testing.assert_array_equal(found.times, values[first:last, 0])
     motors = robot.gear_ratio * robot.actuated_coordinates(found.motion.q)
     np.testing.assert_allclose(motors, values[first:last, 1:3], rtol=0, atol=1e-3)
-    assert found.errors.accelerations.shape[0] == len(found.times)
+    assert found.errors.accelerations.shape[0] == 2 * len(found.times)  # of two signals
 
 
 @pytest.mark.slow
