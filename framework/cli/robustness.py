@@ -274,9 +274,12 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
         )
         document = _make_document(setup, studies, out) | _describe_sensors(predictions, trials)
         if predictions:  # there are linear models
-            models, tolerance = setup.linear_models, setup.loop.tolerance
-            expected = [models.predict(name, one, setup.loop) for name, one in controllers.items()]
-            options.warnings += filter(None, (one.warning(tolerance) for one in expected if one is not None))
+            for study, (name, controller) in zip(document["studies"], controllers.items(), strict=True):
+                expected = setup.linear_models.predict(name, controller, setup.loop)
+                if expected is not None:
+                    study["predicted"] = expected.platform
+                    warning = expected.warning(setup.loop.tolerance)
+                    options.warnings += [warning] if warning else []
         if folder is not None:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
@@ -410,6 +413,7 @@ def _describe_study(study: Study, limit: Array) -> Document:  # limit (n_a,) [N 
     """Return a study as a document: probability, quantiles of errors, failed runs, also at the limits."""
     return {
         **select_fields(study, "controller", "probability", "interval"),
+        "predicted": None,  # standard deviation of the platform, of linear controllers
         "tracking_error": _compute_quantiles(study.tracking_error),
         "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
@@ -427,10 +431,10 @@ def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
 HEAD = """\
 {robot}: {runs} runs a controller, seed {seed}; errors in robot lengths of {length:.4g} m or rad, \
 {tolerance:.4g} of them ({tolerance_mm:.3g} mm) passes; torques in N m{binding}
-  controller\tpassed\tof 95 %\tmedian\t68 %\t95 %\tlargest\tpeak torque"""
+  controller\tpassed\tof 95 %\tmedian\tpredicted\t68 %\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
-    "{tracking_error[median]:.2e}\t{tracking_error[68 %]:.2e}\t{tracking_error[95 %]:.2e}\t"
+    "{tracking_error[median]:.2e}\t{deviation}\t{tracking_error[68 %]:.2e}\t{tracking_error[95 %]:.2e}\t"
     "{tracking_error[largest]:.2e}\t{peak_torque:.3g}"
 )
 
@@ -441,7 +445,10 @@ def _format_studies(document: Document) -> list[str]:
     binding = f"; the plan itself exceeds the limits: {', '.join(exceeded)}" if exceeded else ""
     millimetres = 1e3 * document["length"] * document["tolerance"]
     head = HEAD.format_map(document | {"binding": binding, "tolerance_mm": millimetres})
-    lines = [head, *map(ROW.format_map, document["studies"])]
+    lines = [head]
+    for study in document["studies"]:
+        deviation = "-" if study["predicted"] is None else f"{study['predicted']:.2e}"
+        lines.append(ROW.format_map(study | {"deviation": deviation}))
     for study in document["studies"]:
         failures = study["failures"]
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]
