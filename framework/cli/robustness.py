@@ -98,7 +98,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--controller",
         nargs="+",
-        type=_controller_label,
+        type=_read_label,
         metavar="NAME",
         help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward); lqg estimates state and "
         "differences from its sensors and is for every robot, lqr needs --sensors joints for springs",
@@ -169,7 +169,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
             f"{meaning} (default: {default:g})",
             dest=f"spread_{name}",
             default=default,
-            type=_share if meaning.startswith("share") else float,
+            type=_read_share if meaning.startswith("share") else float,
         )
     loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
@@ -208,7 +208,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
 
 
-def _controller_label(text: str) -> str:
+def _read_label(text: str) -> str:
     """Check a controller's name, perhaps with a gain such as `feedforward bandwidth=20`; an argparse type."""
     try:
         split_label(text)
@@ -217,7 +217,7 @@ def _controller_label(text: str) -> str:
     return text
 
 
-def _share(text: str) -> float:
+def _read_share(text: str) -> float:
     """Parse a share such as 10% or 0.1; an argparse type."""
     try:
         return arguments.share("", text)

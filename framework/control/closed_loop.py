@@ -19,7 +19,7 @@ from framework.control.variations import Spread, Variation, apply_variation, dra
 from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import difference, integrate
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation import Stepper
 from framework.simulation.drive import WorldForces
@@ -126,8 +126,8 @@ def run_closed_loops(
     # a controller that filters has the `sensors` that it was tuned for; one with a state has `start`, which
     # returns a controller with the states of R runs
     stated = sensors_of(ref.robot, loop)
-    sensors = [getattr(one, "sensors", None) or stated for one in controllers]
-    sensors = [one._replace(state=stated.state) for one in sensors]
+    own_sensors = [getattr(one, "sensors", None) or stated for one in controllers]
+    sensors = [one._replace(state=stated.state) for one in own_sensors]
     see_platform = any(one.see_platform for one in sensors)
     drivers = [one.start(runs) if hasattr(one, "start") else one for one in controllers]
     of_driver = [slice(c * runs, (c + 1) * runs) for c in range(len(drivers))]  # rows of the stack
@@ -149,7 +149,7 @@ def run_closed_loops(
             lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
         for own, driver, rows in zip(sensors, drivers, of_driver, strict=True):
-            seen = [one and PlatformMotion(one.x[rows], one.dx[rows]) for one in platforms]
+            seen = [one and select(one, rows) for one in platforms]
             measured = robots.measure(k, own, q[rows], v[rows], *seen)
             # a controller may divide by zero at Type 2: an undefined torque counts as none
             with np.errstate(all="ignore"):

@@ -153,11 +153,9 @@ def run_studies(
     count = len(controllers)
     largest = max(1, RUNS_PER_CHUNK // count)
     chunk_size = min(chunk or largest, largest)
-    # numbers of the robots of each chunk, by the name under which the chunk is stored
-    chunks = {}
-    for first in range(0, runs, chunk_size):
-        stop = min(first + chunk_size, runs)
-        chunks[f"{first}-{stop}"] = range(first, stop)
+    every = range(runs)
+    parts = [every[first : first + chunk_size] for first in every[::chunk_size]]  # numbers of the robots
+    chunks = {f"{part.start}-{part.stop}": part for part in parts}  # by the name of a stored chunk
     finished_runs = 0  # in finished chunks, for the progress within a chunk
 
     def report(names: Collection[str]) -> None:
