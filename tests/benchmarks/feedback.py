@@ -64,7 +64,7 @@ def study(plan: CrossingPlan) -> str:
     quantile = np.quantile(np.nan_to_num(deviation, nan=1.0), 0.6827, axis=1).max()  # lost runs are far off
     return (
         f"{run.passed.sum()}/{RUNS} pass, tried {tried}; predicted {predicted.platform:.2e}, the runs have "
-        f"{quantile:.2e}, {quantile / predicted.platform:.2f} of it; {predicted.warning(loop.tolerance)}"
+        f"{quantile:.2e}, {quantile / predicted.platform:.2f} of it {predicted.warning(loop.tolerance)}"
     )
 
 
