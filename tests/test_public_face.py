@@ -5,6 +5,7 @@ import copy
 import dataclasses
 import doctest
 import importlib
+import inspect
 import json
 import pickle
 import re
@@ -162,7 +163,7 @@ MISUSE: dict[str, tuple[Callable[[], object], str]] = {
     "a name for a robot": (lambda: plan_crossing("five_bar", PATH, duration=1.0), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to locate": (lambda: locate_singularities("five_bar", PATH), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to assemble": (lambda: assemble("five_bar"), "robot: .*load_robot"),  # type: ignore[arg-type]
-    "to check": (lambda: check_robot("five_bar"), "robot: .*load_robot"),  # type: ignore[arg-type]
+    "to check": (lambda: check_robot("five_bar"), "mechanism: .*load_robot"),  # type: ignore[arg-type]
     "to pose": (lambda: forward_kinematics("five_bar", [0, 0]), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to differentiate": (lambda: velocity_matrices("five_bar", [0] * 4), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to invert": (lambda: inverse_dynamics("five_bar", PATH, Law.rest_to_rest(1.0, 2)), "robot: .*load_"),  # type: ignore[arg-type]
@@ -321,6 +322,45 @@ def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], A
 def test_what_is_of_another_kind_is_refused_by_its_name(name: str, call: Callable[[], Any]) -> None:
     with pytest.raises(InvalidInput, match=name):
         call()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_function_names_an_argument_of_another_kind(package: str) -> None:
+    module = importlib.import_module(package)
+    functions = {name: getattr(module, name) for name in module.__all__ if name != "show_figure"}  # takes all
+    for function in filter(inspect.isfunction, functions.values()):
+        parameters = inspect.signature(function).parameters.values()
+        needed = [each for each in parameters if each.default is each.empty]
+        places = [each.name for each in needed if each.kind is each.POSITIONAL_OR_KEYWORD]
+        options = {each.name: Strange() for each in needed if each.kind is each.KEYWORD_ONLY}
+        if not places:
+            continue
+        with pytest.raises(InvalidInput, match="|".join(["controller", "robot", *places, *options])):
+            list(function(*[Strange() for _ in places], **options))  # of a generator: where it begins
+        if "smoothness" not in inspect.signature(function).parameters and all(  # plans read the robot first
+            each.kind is not each.VAR_KEYWORD for each in needed
+        ):
+            with pytest.raises(TypeError, match="'strange' is no option"):
+                function(*[Strange() for _ in places], **options, strange=1)
+
+
+class Strange:
+    """What no function takes."""
+
+
+def test_an_error_of_a_callers_own_stays_as_it_is() -> None:
+    def torque(t: float) -> list[float]:
+        raise LookupError("mine")
+
+    with pytest.raises(LookupError, match="mine"):
+        simulate(ROBOT, torque, duration=1e-3)
+
+
+def test_a_public_function_is_one_object_that_is_pickled_by_its_package() -> None:
+    from framework import fidelity
+
+    assert fidelity.largest_load is framework.largest_load
+    assert pickle.loads(pickle.dumps(framework.plan_crossing)) is framework.plan_crossing
 
 
 @pytest.mark.parametrize(

@@ -542,7 +542,9 @@ def replay_run(options: Namespace) -> Report:
     Raises:
         InvalidInput: an option that the study determines; no such study, controller or run.
     """
-    changed = _changed_options(options)
+    defaults = vars(options.parser.parse_args([options.robot]))
+    changed = [key for key, default in defaults.items() if getattr(options, key) != default]
+    changed = [key for key in changed if key not in OF_A_REPLAY]
     arguments.refuse_options(options, changed, f"the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
@@ -567,13 +569,6 @@ def replay_run(options: Namespace) -> Report:
         "versions": {"then": stated["versions"], "now": library_versions()},
     }
     return document, _describe_replay(document)
-
-
-def _changed_options(options: Namespace) -> list[str]:
-    """Return the options that differ from their defaults; options of a replay may do so."""
-    defaults = vars(options.parser.parse_args([options.robot]))
-    changed = [key for key, default in defaults.items() if getattr(options, key) != default]
-    return [key for key in changed if key not in OF_A_REPLAY]
 
 
 def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:

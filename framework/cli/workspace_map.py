@@ -274,7 +274,9 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         ends = np.abs(np.array([window.lower, window.upper]) - window.constants[axes])
         reach = (ends / robot.platform_scale[axes]).max()
         cut = f"; more is reached beyond its {', '.join(edges)}, {reach:.2g} robot lengths or rad away"
-    lines = [f"{title}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
+    bounds = zip(window.axes, window.lower, window.upper, strict=True)
+    spans = ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in bounds)
+    lines = [f"{title}, {spans}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines += [f"  the window cuts off what is reached, at its {edge}" for edge in edges]
@@ -296,12 +298,6 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "asked", "twist")
         document["nearest_singular_pose"] = select_fields(margin, *keys) | {"platform": margin.x}
     return document, lines
-
-
-def _format_spans(robot: ParallelRobot, window: Window) -> str:
-    """State the bounds of a window."""
-    ends = zip(window.axes, window.lower, window.upper, strict=True)
-    return ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in ends)
 
 
 # ------------------------------------------------------------------ map --study

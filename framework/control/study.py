@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from framework.argument_errors import explain_errors
 from framework.control.closed_loop import Outcomes, Run, run_closed_loop, torque_limit
 from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
 from framework.control.prediction import LinearModels, LoopPrediction
@@ -318,6 +319,7 @@ class StudySetup:
         """The plan at the sampling instants of the controller."""
         return reference_of(self.plan, period=self.period)
 
+    @explain_errors
     def controller(self, name: str) -> Controller:
         """Return the controller of a name, tuned for the loop and the spread.
 
@@ -333,6 +335,7 @@ class StudySetup:
             kind, self.reference, loop=self.loop, spread=self.spread, tuning=tuning, models=models
         )
 
+    @explain_errors
     def with_sensors(self, sensors: str) -> StudySetup:
         """Return the set-up with other sensors."""
         other = replace(self, loop=replace(self.loop, sensors=sensors))
@@ -341,6 +344,7 @@ class StudySetup:
         )
         return other
 
+    @explain_errors
     def try_sensors(self, predictions: Sequence[LoopPrediction]) -> list[SensorTrial]:
         """Try lqg with sensors in turn, until TRIAL_RUNS robots pass.
 
@@ -373,6 +377,7 @@ class StudySetup:
             trials.append(SensorTrial(best.sensors, passed, 2 * TRIAL_RUNS))
         return trials
 
+    @explain_errors
     def run(self, controller: str, *numbers: int) -> Run:
         """Repeat runs of the study together.
 
