@@ -9,10 +9,10 @@ import ast
 import builtins
 import inspect
 import sys
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Sequence
 from functools import wraps
 from importlib import import_module
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -77,12 +77,18 @@ def _fits(value: Any, wanted: ast.expr, function: Callable[..., Any]) -> bool:
             return value is None
         case ast.Name(id="Any" | "object"):
             return True
-        case ast.Name(id="ArrayLike" | "Array" | "float" | "int" as kind):
-            return _is_finite(value) and (kind not in ("float", "int") or np.ndim(value) == 0)
+        case ast.Name(id="int"):
+            return isinstance(value, Integral)
+        case ast.Name(id="ArrayLike" | "Array" | "float" as kind):
+            dimensions = {"ArrayLike": range(9), "Array": range(1, 9), "float": range(1)}
+            return _is_finite(value) and np.ndim(value) in dimensions[kind]
         case ast.Subscript(value=ast.Name(id="Sequence" | "tuple" | "Iterable"), slice=item):
-            if isinstance(value, str | bytes | Mapping) or not isinstance(value, Collection):
+            if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
                 return False
-            return isinstance(item, ast.Tuple) or all(_fits(each, item, function) for each in value)
+            items = item.elts if isinstance(item, ast.Tuple) else [item] * len(value)
+            if isinstance(items[-1], ast.Constant):  # tuple[float, ...]
+                items = items[:1] * len(value)
+            return len(items) == len(value) and all(map(_fits, value, items, [function] * len(value)))
         case ast.Subscript():
             return _fits(value, wanted.value, function)
     kind = _find_type(ast.unparse(wanted), function)

@@ -27,10 +27,13 @@ from framework import (
     Line,
     Spline,
     assemble,
+    atlas,
     chain_plans,
     check_robot,
+    control,
     dynamics_at,
     errors,
+    fidelity,
     forward_kinematics,
     inverse_dynamics,
     load_robot,
@@ -43,7 +46,7 @@ from framework import (
     track_path,
     velocity_matrices,
 )
-from framework.identification import Identification
+from framework.identification import Conversions, Identification
 from framework.model import Material, Section, readers
 from framework.model.beams import tip_spring
 from framework.model.readers.recognise import parse_any
@@ -52,6 +55,7 @@ from framework.planning.request import Request
 from framework.planning.saved import plan_document
 from framework.proofs.working_modes import working_modes
 from framework.show import plots
+from framework.simulation import Stepper
 from framework.singularity.points_on_path import search_path
 from tests.test_public_names import PACKAGES
 
@@ -61,6 +65,13 @@ ERRORS = {
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
 ROBOT = robots.load("five_bar")
 UNCHANGED = SimpleNamespace(link_values=np.ones(2), links=SimpleNamespace(values=np.ones(2)))
+
+
+DESIGN = atlas.Designs((), np.zeros((1, 0)))  # of no parameter
+
+
+def study_task(axes: tuple[str, ...], keys: tuple[str, ...]) -> atlas.StudyTask:
+    return atlas.StudyTask(str(ROBOT.description.file), (), "rigid", axes, None, 5, keys)
 
 
 def TORQUE(t: float) -> list[float]:
@@ -317,6 +328,17 @@ def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], A
         ("free", lambda: trace_locus(ROBOT, ROBOT.reference.q, free="x")),
         ("starts", lambda: trace_locus(ROBOT, ROBOT.reference.q, starts=-1)),
         ("reach", lambda: trace_locus(ROBOT, ROBOT.reference.q, reach=[1.0, 2.0, 3.0])),
+        ("smoothness", lambda: Law.rest_to_rest(1.0, 10**400)),
+        ("tolerance", lambda: fidelity.predict_level(ROBOT.description, PATH, tolerance=-0.1, duration=1.5)),
+        ("units", lambda: Conversions(units="deg")),  # type: ignore[arg-type]
+        ("window: lower", lambda: atlas.Window((0,), np.array([np.nan]), np.ones(1), (5, 1), np.zeros(2))),
+        ("axes", lambda: atlas.design_study(study_task((), ("g",)), DESIGN)),
+        (
+            "quantity",
+            lambda: atlas.design_study(study_task(("x",), ("h",)), DESIGN),
+        ),
+        ("seed", lambda: control.draw(ROBOT, control.Spread(), (1, "x"))),  # type: ignore[arg-type]
+        ("torque", lambda: Stepper.of(ROBOT).start(ROBOT.reference.q, torque=[1.0, 2.0, 3.0])),
     ],
 )
 def test_what_is_of_another_kind_is_refused_by_its_name(name: str, call: Callable[[], Any]) -> None:
@@ -357,8 +379,6 @@ def test_an_error_of_a_callers_own_stays_as_it_is() -> None:
 
 
 def test_a_public_function_is_one_object_that_is_pickled_by_its_package() -> None:
-    from framework import fidelity
-
     assert fidelity.largest_load is framework.largest_load
     assert pickle.loads(pickle.dumps(framework.plan_crossing)) is framework.plan_crossing
 

@@ -283,6 +283,7 @@ class StudySetup:
     tuning: Tuning = field(default_factory=Tuning)
 
     @staticmethod
+    @explain_errors
     def of(
         plan: CrossingPlan,
         *,

@@ -25,7 +25,7 @@ from framework.atlas.nonsingular_mode_change import AssemblyModeChange
 from framework.atlas.quantities import Quantity, quantity_unit, softest_directions
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -90,7 +90,9 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
 
     Without a path the reference is marked. Over one coordinate the quantity is a curve.
     """
-    quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
+    quantities = {quantity.key: quantity for quantity in workspace.quantities}
+    check_choice("quantity of the map", key, quantities)
+    quantity = quantities[key]
     if len(workspace.window.axes) == 1:
         return _plot_stroke(workspace, quantity, path)
     ax = _make_axes(workspace, quantity)
