@@ -85,8 +85,8 @@ def _fits(value: Any, wanted: ast.expr, function: Callable[..., Any]) -> bool:
         case ast.Subscript(value=ast.Name(id="Sequence" | "tuple" | "Iterable"), slice=item):
             if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
                 return False
-            items = item.elts if isinstance(item, ast.Tuple) else [item] * len(value)
-            if isinstance(items[-1], ast.Constant):  # tuple[float, ...]
+            items = item.elts if isinstance(item, ast.Tuple) else [item, ast.Constant(...)]
+            if isinstance(items[-1], ast.Constant):  # any number of them, as in tuple[float, ...]
                 items = items[:1] * len(value)
             return len(items) == len(value) and all(map(_fits, value, items, [function] * len(value)))
         case ast.Subscript():
@@ -112,13 +112,8 @@ def _is_finite(value: Any) -> bool:
 def _find_type(name: str, function: Callable[..., Any]) -> Any:
     """Return what a name means in the module of a function, also one imported for annotations alone."""
     module = sys.modules[function.__module__]
-    found = {**vars(builtins), **vars(module)}.get(name)
-    tree = ast.parse(inspect.getsource(module))
-    for node in ast.walk(tree):
-        if (
-            found is None
-            and isinstance(node, ast.ImportFrom)
-            and name in {alias.name for alias in node.names}
-        ):
-            found = getattr(import_module(str(node.module)), name)
-    return found
+    known = {**vars(builtins), **vars(module)}
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if isinstance(node, ast.ImportFrom) and name in {alias.name for alias in node.names}:
+            known.setdefault(name, getattr(import_module(str(node.module)), name))
+    return known.get(name)

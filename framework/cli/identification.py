@@ -87,16 +87,6 @@ def run_calibrate(options: Namespace) -> Report:
     return document, calibration_lines(calibration)
 
 
-def _noise_text(calibration: Calibration) -> str:
-    """State the estimated noise over the assumed noise."""
-    if calibration.degrees_of_freedom < 1.0:
-        return "too few poses to estimate the noise: deviations are those of the noise assumed"
-    return (
-        f"{calibration.noise:.2g} of the noise assumed, of {calibration.degrees_of_freedom:.3g} equations "
-        f"more than the parameters need"
-    )
-
-
 def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
     names = calibration.geometry.names
@@ -104,7 +94,11 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     outliers = f"; outliers: {', '.join(calibration.outlier_rows)}" if calibration.outliers else ""
     source = "motor angles" if calibration.poses == "motors" else "the platform: motors lead elsewhere"
     left_out = _tell_left_out(calibration.left_out)
-    lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers, left_out, source)]
+    surplus = f"{calibration.degrees_of_freedom:.3g} equations more than the parameters need"
+    noise = f"{calibration.noise:.2g} of the noise assumed, of {surplus}"
+    if calibration.degrees_of_freedom < 1.0:
+        noise = "too few poses to estimate the noise: deviations are those of the noise assumed"
+    lines = [CALIBRATED.format(calibration, len(names), noise, outliers, left_out, source)]
     lines += ["  {}\t{:.2e}\t{:.2e}".format(*error) for error in calibration.errors_held_out()]
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(names, calibration.values, calibration.deviations, strict=True)

@@ -199,7 +199,10 @@ def _report_singularity(robot: ParallelRobot, q: Array) -> Report:
     for twist in classification.twists:
         components = dict(zip(robot.axis_names, twist, strict=True))
         lines.append(f"  t_s               {_format_values(components, 6)}")
-    lines.append(DISTANCES.format(classification, _format_angles(robot, classification)))
+    angles = np.rad2deg(classification.transmission_angle)
+    named = dict(zip(robot.actuator_names, angles, strict=True))
+    transmission = f", transmission {_format_values(named, 4)} degrees" * bool(np.isfinite(angles).all())
+    lines.append(DISTANCES.format(classification, transmission))
     if not np.isnan(classification.torque_norm):  # NaN for a platform that only turns
         units = " or ".join(f"{unit}/N" for unit in sorted(set(robot.torque_units)))
         lines.append(WORST.format(classification, units))
@@ -409,15 +412,6 @@ def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Re
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
     return head | facts, [", ".join(head.values()), *lines]
-
-
-def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
-    """State the transmission angles; empty where undefined."""
-    angles = np.rad2deg(classification.transmission_angle)
-    if not np.isfinite(angles).all():
-        return ""
-    named = dict(zip(robot.actuator_names, angles, strict=True))
-    return f", transmission {_format_values(named, 4)} degrees"
 
 
 def _format_values(values: dict[str, float], digits: int = 9) -> str:

@@ -241,14 +241,9 @@ def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, repeat a single run, or predict without runs."""
     if options.replay is not None:
         return replay_run(options)
-    if not options.runs:
-        return _predict_only(options)
-    with arguments.start_workers(options, "framework.control.study") as executor:
-        return _study_controllers(options, executor)
-
-
-def _predict_only(options: Namespace) -> Report:
-    """Predict the deviations under lqg by sensors."""
+    if options.runs:
+        with arguments.start_workers(options, "framework.control.study") as executor:
+            return _study_controllers(options, executor)
     arguments.refuse_options(options, ("out", "controller", "sweep"), "--runs 0 does no runs; leave it out")
     setup, predictions, trials = _choose_setup(options)
     document = {"robot": setup.plan.robot.name, **setup.to_dict()} | _describe_sensors(predictions, trials)

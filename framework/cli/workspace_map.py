@@ -176,7 +176,10 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
     if options.keep_limits:
         check_reference(robot)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
-    quantities = choose_quantities(robot, _quantity_names(options, robot), options.wrench)
+    names = options.quantity  # None for all that apply
+    if options.keep_limits and has_torque_limits(robot):
+        names = [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
+    quantities = choose_quantities(robot, names, options.wrench)
     window = _choose_window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
@@ -232,17 +235,6 @@ def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPos
         return None
     message = "--within: belongs to --nearest; give both, or leave it out"
     raise InvalidInput(message).advising({"within": None})
-
-
-def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | None:
-    """Return the names of the quantities; None for all that apply.
-
-    With --keep-limits and torque limits also `holding`.
-    """
-    names: list[str] | None = options.quantity
-    if not options.keep_limits or not has_torque_limits(robot):
-        return names
-    return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
 
 
 def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
