@@ -293,29 +293,40 @@ def _locate_ends(centre: _Centre, segments: _RaySegments) -> tuple[Array, Array]
 
 
 def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> _RaySegments:
-    """Advance the starts of K segments towards the sign change or end, by bisection.
+    """Advance the starts of K segments towards the sign change or end, until 0.5^halvings of each is left.
 
-    A step is repeated while it is accepted, and halved when it is refused, until its length is 0.5^(halvings
-    + 1) of the segment. A simple bisection does not work: near the end of a branch a long step may not be
-    trusted although a shorter one is. A step is refused if it leaves the branch or changes the sign of g.
+    A pose where g has the other sign is a bracket: later steps lead halfway to it. A step that leaves the
+    branch brackets nothing, since near the end of a branch a long step may not be trusted although a shorter
+    one is: the step is halved, and doubled again after the next one that is accepted. Rounding may lead from
+    a fold to the other branch, on which no step is long: the number of steps is bounded.
     """
+    max_steps = 8 * halvings
+    resolution = 0.5 ** (halvings + 1)  # of a segment
     q = segments.q.copy()  # (K, nq) at the points reached
     length = segments.end - segments.start  # (K, n) as vectors
     sign = centre.signs_of_g(q)
     fraction = np.zeros(len(q))  # of each segment that has been passed
-    step_fraction = np.full(len(q), 0.5)  # of the segment that the next step takes
-    while (live := np.flatnonzero(step_fraction > 0.5 ** (halvings + 1))).size:
+    bracket = np.ones(len(q))  # the fraction that is not passed
+    longest = np.ones(len(q))  # of the next steps that may be trusted
+    for _ in range(max_steps):
+        step_fraction = np.minimum(longest, 0.5 * (bracket - fraction))
+        live = np.flatnonzero(step_fraction > resolution)
+        if not live.size:
+            break
         next_fraction = (fraction + step_fraction)[live]
         step_start = segments.start[live] + length[live] * fraction[live, None]
         step_end = segments.start[live] + length[live] * next_fraction[:, None]
         step = centre.step(q[live], step_start, step_end)
 
-        accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
-        accepted[accepted] = centre.signs_of_g(step.q[accepted]) == sign[live[accepted]]
+        is_reached = step.reason == PoseReason.REACHED
+        is_crossed = is_reached.copy()
+        is_crossed[is_reached] = centre.signs_of_g(step.q[is_reached]) != sign[live[is_reached]]
+        is_accepted = is_reached & ~is_crossed
 
-        q[live[accepted]] = step.q[accepted]
-        fraction[live[accepted]] = next_fraction[accepted]
-        step_fraction[live[~accepted]] *= 0.5
+        q[live[is_accepted]] = step.q[is_accepted]
+        fraction[live[is_accepted]] = next_fraction[is_accepted]
+        bracket[live[is_crossed]] = next_fraction[is_crossed]
+        longest[live] = step_fraction[live] * np.where(is_reached, 2.0, 0.5)
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
