@@ -24,6 +24,7 @@ from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, frame_origins, joint_poses, planar_normal
 from framework.model.visuals import Shape
+from framework.moved_modules import renamed_names
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.captions import display_name
 from framework.show.film import Film
@@ -378,3 +379,6 @@ def draw_arrow(
             fontsize=7,
             zorder=8,
         )
+
+
+__getattr__ = renamed_names(__name__, {"hull": "convex_hull"})
