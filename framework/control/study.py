@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from framework.argument_errors import explain_errors
 from framework.control.closed_loop import Outcomes, Run, run_closed_loop, run_closed_loops, torque_limit
 from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD, Tuning
 from framework.control.prediction import LinearModels, LoopPrediction
@@ -316,6 +317,7 @@ class StudySetup:
     tuning: Tuning = field(default_factory=Tuning)
 
     @staticmethod
+    @explain_errors
     def of(
         plan: CrossingPlan,
         *,
@@ -352,6 +354,7 @@ class StudySetup:
         """The plan at the sampling instants of the controller."""
         return reference_of(self.plan, period=self.period)
 
+    @explain_errors
     def controller(self, name: str) -> Controller:
         """Return the controller of a name, tuned for the loop and the spread.
 
@@ -367,6 +370,7 @@ class StudySetup:
             kind, self.reference, loop=self.loop, spread=self.spread, tuning=tuning, models=models
         )
 
+    @explain_errors
     def with_sensors(self, sensors: str) -> StudySetup:
         """Return the set-up with other sensors."""
         other = replace(self, loop=replace(self.loop, sensors=sensors))
@@ -375,6 +379,7 @@ class StudySetup:
         )
         return other
 
+    @explain_errors
     def try_sensors(self, predictions: Sequence[LoopPrediction]) -> list[SensorTrial]:
         """Try lqg with sensors in turn, until TRIAL_RUNS robots pass.
 
@@ -407,6 +412,7 @@ class StudySetup:
             trials.append(SensorTrial(best.sensors, passed, 2 * TRIAL_RUNS))
         return trials
 
+    @explain_errors
     def run(self, controller: str, *numbers: int) -> Run:
         """Repeat runs of the study together.
 

@@ -61,7 +61,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import ExactLaw, MotionLaw, edges_of, is_number
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
@@ -146,7 +146,6 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     Raises:
         InvalidInput: the geometry is unknown.
     """
-    expect_robot(robot)
     geometry = "deformed" if geometry is None else geometry
     check_choice("geometry", geometry, GEOMETRIES)
     return geometry if robot.n_e else "rigid"

@@ -25,7 +25,7 @@ from framework.dynamics.stiffness import (
 from framework.errors import InvalidInput, real_numbers
 from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import assembled_at
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import not_negative
 
@@ -71,7 +71,6 @@ def platform_vibrations(
         InvalidInput: q leaves loops open; the robot has no springs; a frequency or the loss is negative;
             a motor moves neither mass nor a spring.
     """
-    expect_robot(robot)
     linearised = assembled_at(robot, q, stacks=True)
     q = linearised.q
     locked = compliant_motions(robot, linearised, q)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.optimal.optimal_task import Task
@@ -100,7 +100,6 @@ def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Reques
     Raises:
         InvalidInput: see `Request.of`.
     """
-    expect_robot(robot)
     if all(options.get(key) is None for key in ("optimize", "duration", "longest")):
         options["optimize"] = "time"
     return Request.of(robot, path, **options)

@@ -29,7 +29,7 @@ from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jac
 from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
 from framework.kinematics.loop_ranges import align_bases, oriented_bases
 from framework.kinematics.loop_structure import rounded_gap
-from framework.kinematics.parallel_robot import Equations, ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import Equations, ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, select
 from framework.numerics.banded_lu import Band, Factors
 from framework.numerics.ordered_sums import are_regular, matvec, singular_values
@@ -225,7 +225,6 @@ def assembled_at(
     Raises:
         InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
-    expect_robot(robot)
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller may change its array
     linearised = linearised_at(robot, q)
     gaps = np.abs(linearised.solved_residual)  # (T, rows), or (T, m) of dimensionless combinations

@@ -274,8 +274,8 @@ class SearchEvidence(NamedTuple):
         least = self.least
         if least.together:  # limits of torque and of speed must both be raised
             parts.append(
-                f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times "
-                f"the limits were needed together"
+                f"a law was found with torques {_ratio_text(least.torque_peak)} and speeds "
+                f"{_ratio_text(least.speed_peak)} times the limits"
             )
         else:
             for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):

@@ -15,6 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from framework.argument_errors import explain_errors
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
@@ -120,16 +121,19 @@ class CrossingPlan:
         """Evaluate platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
         return self.dynamics.platform(t, order)
 
+    @explain_errors
     def configuration(self, t: ArrayLike) -> Array:
         """Evaluate all joint coordinates q (T, nq); a scalar t gives (nq,)."""
         q = self.dynamics.configuration(t)
         return q if np.ndim(t) else q[0]
 
+    @explain_errors
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv); a scalar t gives (nv,)."""
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
+    @explain_errors
     def restart(
         self, t: float, path: Path | Array | Sequence[float] | None = None, **options: Any
     ) -> CrossingPlan:
@@ -213,13 +217,15 @@ class CrossingPlan:
 
     def __repr__(self) -> str:
         """Return robot, law, crossings and tail in one line."""
-        law = self.reason if self.is_chain else f"{self.law.kind} law, degree {self.law.degree}"
+        degree = f", degree {self.law.degree}" if self.law.kind == "polynomial" else ""
+        law = self.reason if self.is_chain else f"{self.law.kind} law{degree}"
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
         return (
             f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {law} over "
             f"{self.duration:g} s, crossings: {where or 'none'}, tail {self.certificate.tail:.1e})"
         )
 
+    @explain_errors
     def samples(
         self,
         count: int = DEFAULT_ROWS,
@@ -238,6 +244,7 @@ class CrossingPlan:
         """
         return motion_table(self.dynamics, sample_times(self.duration, count, period, at), columns)
 
+    @explain_errors
     def save(self, folder: str | PathLike[str]) -> FilePath:
         """Write plan.json into a folder, for `load_plan`, and return the file.
 
@@ -250,6 +257,7 @@ class CrossingPlan:
 
         return save_plan(self, folder)
 
+    @explain_errors
     def to_csv(
         self,
         file: str | PathLike[str] | IO[str],

@@ -24,7 +24,7 @@ import numpy as np
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.modes import legs
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
@@ -119,7 +119,6 @@ def pave_singularities(
         InvalidInput: the robot has more freedoms, redundant motors, no passive joints or moving ball joints;
             or an option is not a positive number.
     """
-    expect_robot(robot)
     _expect_pavable(robot)
     resolution = positive("resolution", resolution)
     reach = positive("reach", reach)

@@ -16,7 +16,7 @@ from framework.errors import finite_numbers
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_signs
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.homotopy import Status
@@ -83,7 +83,6 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     Raises:
         InvalidInput: x has the wrong length or is not finite, or the platform does not determine the joints.
     """
-    expect_robot(robot)
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = solve_legs(robot, robot.reference.q, robot.moving, x)

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput, check_choice, finite_numbers
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import (
     FrameStack,
@@ -182,11 +182,12 @@ class Stepper:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
         """
         robot = self.robot
-        q = np.asarray(q, dtype=float)
+        q = finite_numbers("q", q, robot.model.nq, stacks=True)
+        v = finite_numbers("v", np.zeros(robot.nv) if v is None else v, robot.nv, stacks=True)
+        given = np.zeros(robot.n_a) if torque is None else torque
+        torque = finite_numbers("torque", given, robot.n_a, stacks=True)
         leading = q.shape[:-1]  # (R,), or () for a single run
-        v = np.zeros(robot.nv) if v is None else v
-        torque = np.zeros(robot.n_a) if torque is None else torque
-        rates = np.broadcast_to(np.asarray(v, dtype=float), (*leading, robot.nv))
+        rates = np.broadcast_to(v, (*leading, robot.nv))
         torques = np.broadcast_to(torque, (*leading, robot.n_a))
         runs = zip(np.atleast_2d(q), np.atleast_2d(rates), np.atleast_2d(torques), strict=True)
         # run k is that of robot k, or of the only robot
