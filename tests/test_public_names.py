@@ -62,6 +62,7 @@ def code_of_guides() -> Iterator[tuple[str, str]]:
 
 # What measures our own steps in the chart, and data files of this project.
 INNER = {
+    "framework.control.closed_loop",
     "framework.dynamics.elasticity",
     "framework.dynamics.forces",
     "framework.fidelity.predicted_level",

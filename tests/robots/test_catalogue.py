@@ -60,7 +60,7 @@ def test_a_name_and_a_path_load_the_same_robot():
         robot = load_robot(path, flexibility="flexible_links")
         assert robot.spring_names == named.spring_names
         assert robot.description.file == named.description.file
-    assert unwrap(robots.load) is load_robot  # `conftest` wraps it
+    assert unwrap(robots.load) is unwrap(load_robot)  # `conftest` wraps it
 
 
 @pytest.mark.parametrize(
