@@ -50,6 +50,22 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Lead links to files of the repository, which lie outside docs/, to the pages made of them."""
+    made = {
+        r"notebooks/(\d\d_\w+)\.ipynb": r"notebooks/\1.md",
+        r"notebooks/(figures/[\w.]+|lesson\.html)": r"\1",
+        r"notebooks": r"notebooks/01_the_paper_in_ten_minutes.md",
+        r"urdf/README\.md": "reference/robot_file.md",
+        r"urdf": "gallery.md",
+        r"framework/cli/commands\.py": "reference/commands.md",
+        r"framework/__init__\.py": "reference/python.md",
+    }
+    for source, page in made.items():
+        markdown = re.sub(rf"\]\(((?:\.\./)*)\.\./{source}\)", rf"](\1{page})", markdown)
+    return markdown
+
+
 def on_page_content(html: str, **_: Any) -> str:
     """Write formulas as MathML, which needs no script."""
 

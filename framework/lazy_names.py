@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 
@@ -34,7 +34,11 @@ def lazy_names(
             return sorted(homes())
         if name.startswith("_") or name not in homes():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(homes()[name]), name)
+        value = getattr(import_module(homes()[name]), name)
+        if isinstance(value, FunctionType):
+            value = _explain_errors(value)
+            value.__module__ = package  # by which it is pickled
+        return value
 
     class Package(ModuleType):
         def __setattr__(self, name: str, value: object) -> None:
@@ -44,6 +48,14 @@ def lazy_names(
     if modules:
         sys.modules[package].__class__ = Package
     return get_name, lambda: sorted(homes())
+
+
+@cache
+def _explain_errors(function: FunctionType) -> Callable[..., Any]:
+    """Return a public function with errors that name the wrong argument; one object for all packages."""
+    from framework.argument_errors import explain_errors  # imports numpy
+
+    return explain_errors(function)
 
 
 def notebook_picture(function: str) -> Callable[..., tuple[dict[str, Any], dict[str, Any]]]:

@@ -15,7 +15,6 @@ PAGES = sorted(ROOT.glob("docs/**/*.md"))
 BLOCK = re.compile(r'^```(\w+)(?: title="([\w.]+)")?\n(.*?)^```', re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
 TUTORIAL = ROOT / "docs" / "your_own_robot.md"
-MADE = ("reference/", "notebooks/", "gallery.md", "changelog.md", "lesson.html", "figures/")  # by the build
 
 
 @pytest.mark.filterwarnings("ignore:zmq.eventloop")  # of meshcat
@@ -46,8 +45,7 @@ def test_the_code_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest
 def test_links_of_a_page_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
         if not link.startswith("http"):
-            target = (page.parent / link).resolve().relative_to(ROOT / "docs").as_posix()
-            assert (ROOT / "docs" / target).exists() or target.startswith(MADE), link
+            assert (page.parent / link).exists(), link  # in the repository, before `make docs`, too
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import copy
 import dataclasses
 import doctest
 import importlib
+import inspect
 import json
 import pickle
 import re
@@ -26,10 +27,13 @@ from framework import (
     Line,
     Spline,
     assemble,
+    atlas,
     chain_plans,
     check_robot,
+    control,
     dynamics_at,
     errors,
+    fidelity,
     forward_kinematics,
     inverse_dynamics,
     load_robot,
@@ -42,7 +46,7 @@ from framework import (
     track_path,
     velocity_matrices,
 )
-from framework.identification import Identification
+from framework.identification import Conversions, Identification
 from framework.model import Material, Section, readers
 from framework.model.beams import tip_spring
 from framework.model.readers.recognise import parse_any
@@ -51,6 +55,7 @@ from framework.planning.request import Request
 from framework.planning.saved import plan_document
 from framework.proofs.working_modes import working_modes
 from framework.show import plots
+from framework.simulation import Stepper
 from framework.singularity.points_on_path import search_path
 from tests.test_public_names import PACKAGES
 
@@ -60,6 +65,13 @@ ERRORS = {
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
 ROBOT = robots.load("five_bar")
 UNCHANGED = SimpleNamespace(link_values=np.ones(2), links=SimpleNamespace(values=np.ones(2)))
+
+
+DESIGN = atlas.Designs((), np.zeros((1, 0)))  # of no parameter
+
+
+def study_task(axes: tuple[str, ...], keys: tuple[str, ...]) -> atlas.StudyTask:
+    return atlas.StudyTask(str(ROBOT.description.file), (), "rigid", axes, None, 5, keys)
 
 
 def TORQUE(t: float) -> list[float]:
@@ -162,7 +174,7 @@ MISUSE: dict[str, tuple[Callable[[], object], str]] = {
     "a name for a robot": (lambda: plan_crossing("five_bar", PATH, duration=1.0), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to locate": (lambda: locate_singularities("five_bar", PATH), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to assemble": (lambda: assemble("five_bar"), "robot: .*load_robot"),  # type: ignore[arg-type]
-    "to check": (lambda: check_robot("five_bar"), "robot: .*load_robot"),  # type: ignore[arg-type]
+    "to check": (lambda: check_robot("five_bar"), "mechanism: .*load_robot"),  # type: ignore[arg-type]
     "to pose": (lambda: forward_kinematics("five_bar", [0, 0]), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to differentiate": (lambda: velocity_matrices("five_bar", [0] * 4), "robot: .*load_robot"),  # type: ignore[arg-type]
     "to invert": (lambda: inverse_dynamics("five_bar", PATH, Law.rest_to_rest(1.0, 2)), "robot: .*load_"),  # type: ignore[arg-type]
@@ -316,11 +328,59 @@ def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], A
         ("free", lambda: trace_locus(ROBOT, ROBOT.reference.q, free="x")),
         ("starts", lambda: trace_locus(ROBOT, ROBOT.reference.q, starts=-1)),
         ("reach", lambda: trace_locus(ROBOT, ROBOT.reference.q, reach=[1.0, 2.0, 3.0])),
+        ("smoothness", lambda: Law.rest_to_rest(1.0, 10**400)),
+        ("tolerance", lambda: fidelity.predict_level(ROBOT.description, PATH, tolerance=-0.1, duration=1.5)),
+        ("units", lambda: Conversions(units="deg")),  # type: ignore[arg-type]
+        ("window: lower", lambda: atlas.Window((0,), np.array([np.nan]), np.ones(1), (5, 1), np.zeros(2))),
+        ("axes", lambda: atlas.design_study(study_task((), ("g",)), DESIGN)),
+        (
+            "quantity",
+            lambda: atlas.design_study(study_task(("x",), ("h",)), DESIGN),
+        ),
+        ("seed", lambda: control.draw(ROBOT, control.Spread(), (1, "x"))),  # type: ignore[arg-type]
+        ("torque", lambda: Stepper.of(ROBOT).start(ROBOT.reference.q, torque=[1.0, 2.0, 3.0])),
     ],
 )
 def test_what_is_of_another_kind_is_refused_by_its_name(name: str, call: Callable[[], Any]) -> None:
     with pytest.raises(InvalidInput, match=name):
         call()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_function_names_an_argument_of_another_kind(package: str) -> None:
+    module = importlib.import_module(package)
+    functions = {name: getattr(module, name) for name in module.__all__ if name != "show_figure"}  # takes all
+    for function in filter(inspect.isfunction, functions.values()):
+        parameters = inspect.signature(function).parameters.values()
+        needed = [each for each in parameters if each.default is each.empty]
+        places = [each.name for each in needed if each.kind is each.POSITIONAL_OR_KEYWORD]
+        options = {each.name: Strange() for each in needed if each.kind is each.KEYWORD_ONLY}
+        if not places:
+            continue
+        with pytest.raises(InvalidInput, match="|".join(["controller", "robot", *places, *options])):
+            list(function(*[Strange() for _ in places], **options))  # of a generator: where it begins
+        if "smoothness" not in inspect.signature(function).parameters and all(  # plans read the robot first
+            each.kind is not each.VAR_KEYWORD for each in needed
+        ):
+            with pytest.raises(TypeError, match="'strange' is no option"):
+                function(*[Strange() for _ in places], **options, strange=1)
+
+
+class Strange:
+    """What no function takes."""
+
+
+def test_an_error_of_a_callers_own_stays_as_it_is() -> None:
+    def torque(t: float) -> list[float]:
+        raise LookupError("mine")
+
+    with pytest.raises(LookupError, match="mine"):
+        simulate(ROBOT, torque, duration=1e-3)
+
+
+def test_a_public_function_is_one_object_that_is_pickled_by_its_package() -> None:
+    assert fidelity.largest_load is framework.largest_load
+    assert pickle.loads(pickle.dumps(framework.plan_crossing)) is framework.plan_crossing
 
 
 @pytest.mark.parametrize(

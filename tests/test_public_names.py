@@ -135,7 +135,7 @@ OF_THE_COMPUTATION = {
     "LinearisedLoops", "LineSprings",
     "LockedDirections", "LoopRows", "LoopStructure", "LoopWrenches", "MotorCurves", "Polynomials",
     "Projection", "Shape",
-    "Specification", "SquarePart",
+    "Specification",
 }  # fmt: skip
 
 

@@ -31,7 +31,7 @@ from framework.atlas.quantities import QUANTITIES, choose_quantities, has_loaded
 from framework.atlas.survey import Window, grid_shape, map_axes, survey_window
 from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LoadReason
-from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
+from framework.errors import FrameworkError, InvalidInput, check_choice, choose_from, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
 from framework.moved_modules import renamed_names
@@ -146,6 +146,10 @@ def design_study(
         keeper: a folder of finished chunks, which are not computed again; None stores nothing.
         progress: called with the number of finished designs.
     """
+    if len(task.axes) not in SIZES:
+        raise InvalidInput(f"axes: needs one or two of the platform's, got {task.axes!r}")
+    for key in task.keys:
+        check_choice("quantity", key, QUANTITIES)
     chunks = {}  # the designs of each chunk, by the name under which the chunk is stored
     for first in range(0, len(designs.values), DESIGNS_PER_TASK):
         values = designs.values[first : first + DESIGNS_PER_TASK]

@@ -37,7 +37,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.motion_rates import joint_rates
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
@@ -113,7 +113,6 @@ def nearest_singular_pose(
     Raises:
         InvalidInput: the loops are open at q; redundant motors, whose g has no sign; no passive joints.
     """
-    expect_robot(robot)
     require_square(robot)
     if not has_signed_measure(robot):
         raise InvalidInput(
@@ -385,7 +384,6 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
         InvalidInput: not n finite numbers; the platform does not determine the joints.
         NotAssembled: the reference is beyond the ranges, and no pose within them was found in its mode.
     """
-    expect_robot(robot)
     target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     search = PoseSearch(robot)
     sampled_q, sampled_x = _sample_poses(robot, _start_within_ranges(robot, search))  # (S, nq), (S, n)

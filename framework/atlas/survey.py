@@ -36,6 +36,8 @@ class Window(ReadOnlyArrays):
     def __post_init__(self) -> None:
         """Check the numbers of poses and the order of the ends."""
         super().__post_init__()
+        for name in ("lower", "upper", "constants"):
+            finite_numbers(f"window: {name}", getattr(self, name), np.size(getattr(self, name)))
         for count in self.shape[: len(self.axes)]:
             whole_number("size of a map", count, 2, MAX_EDGE_POSES)
         if not np.all(self.lower < self.upper):

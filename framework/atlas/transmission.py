@@ -39,7 +39,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.line_springs import lines_at
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motor_speeds
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import positive
@@ -118,7 +118,6 @@ def transmission(
             that is out of reach.
         NoAnswer: no pose of the ranges is assembled and regular, or the posture is out of reach.
     """
-    expect_robot(robot)
     if robot.n_e or robot.n_a != robot.n:
         raise InvalidInput(
             f"transmission: of rigid robots with as many motors as platform axes; {robot.name} has "

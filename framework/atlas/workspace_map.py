@@ -43,7 +43,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.lazy_names import notebook_picture
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
@@ -195,7 +195,6 @@ def workspace_map(
             quantity, or the wrench affects none of them.
         OutOfReach: no pose near the reference is reached.
     """
-    expect_robot(robot)
     require_square(robot)
     started = time.perf_counter()
     choice = choose_quantities(robot, quantities, wrench)

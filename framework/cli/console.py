@@ -225,7 +225,8 @@ def _lay_out_table(
         colour: whether the head is bold.
     """
     room = math.inf if width is None else width - indent  # letters for columns and the gaps between them
-    least = [max(map(_least_width, column)) for column in columns]
+    parts = [[GLUED.sub("\xa0", cell).split(" ") for cell in column] for column in columns]
+    least = [max(max(map(len, cell)) for cell in column) for column in parts]  # no line break divides a part
     # where each column ends if all are as narrow as possible
     ends = itertools.accumulate(least, lambda end, most: end + len(GAP) + most)
     fitting = max(2, sum(end <= room for end in ends))
@@ -236,7 +237,10 @@ def _lay_out_table(
     room -= len(GAP) * (len(widths) - 1)
     while sum(widths) > room and widths != least:  # narrow the widest of the columns that can be narrowed
         widths[max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
-    cells = map(_wrap_column, columns, widths)
+    cells = []
+    for column, width in zip(columns, widths, strict=True):
+        align = str.rjust if all(map(NUMBER.match, column[1:])) else str.ljust
+        cells.append([[align(line, width) for line in wrap_line(cell, width, 0)] for cell in column])
     head, *rows = (_join_cells(row, indent) for row in zip(*cells, strict=True))
     if colour:
         head = [add_colour(line, BOLD) for line in head]
@@ -251,17 +255,6 @@ def _join_cells(cells: Sequence[list[str]], indent: int) -> list[str]:
         padded = map(str.ljust, parts, widths)
         joined.append((" " * indent + GAP.join(padded)).rstrip())
     return joined
-
-
-def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
-    """Wrap the cells of a column into lines of one width; align numbers to the right."""
-    align = str.rjust if all(map(NUMBER.match, column[1:])) else str.ljust
-    return [[align(line, width) for line in wrap_line(cell, width, 0)] for cell in column]
-
-
-def _least_width(cell: str) -> int:
-    """Return the length of the longest part of a cell that no line break divides."""
-    return max(map(len, GLUED.sub("\xa0", cell).split(" ")))
 
 
 # ------------------------------------------------------------------ progress

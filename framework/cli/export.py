@@ -183,6 +183,8 @@ def _controller_file(options: Namespace, file: FilePath) -> Export:
     )
     spread = Spread(payload=0.1, stiffness=0.2 if plan.robot.n_e else 0.0, friction=0.05)
     controller, prediction = LinearModels.of(reference, spread, Tuning()).tune_lqg(loop)
+    if warning := prediction.warning(loop.tolerance):
+        options.warnings.append(warning)
     table, description = controller_table(controller, sensors)
     program = file.with_name(f"{file.stem}_run.py")
     texts = {

@@ -141,7 +141,8 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
     Both include the shift of the point by deflections, and condition (8).
     """
     robot = searched.branch.robot
-    shift = _compute_shift(searched, singular)
+    rates = spring_shift(searched.branch, singular)  # of s by each m or rad of deflection; NaN if undefined
+    shift = None if np.isnan(rates).any() else dict(zip(robot.elastic_names, rates, strict=True))
     condition = feasibility_at(searched.branch, singular)
     keys = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
     entry = select_fields(singular, *keys) | {"shift": shift, "condition": None}
@@ -149,8 +150,8 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
     if singular.resolution is not None:
         lines.append(UNRESOLVED.format(singular))
     if shift is not None and robot.n_e:
-        rates = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
-        lines.append(f"  springs at rest; ds for each m or rad of deflection: {rates or 'none'}")
+        shifts = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
+        lines.append(f"  springs at rest; ds for each m or rad of deflection: {shifts or 'none'}")
     if condition is not None:
         entry["condition"] = {
             **condition.condition._asdict(),
@@ -159,13 +160,3 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
         }
         lines.append(f"  {condition.sentence}")
     return entry, lines
-
-
-def _compute_shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
-    """Compute the shift ds by each m or rad of deflection, by spring.
-
-    None if the shift is not defined.
-    """
-    rates = spring_shift(searched.branch, singular)
-    names = searched.branch.robot.elastic_names
-    return None if np.isnan(rates).any() else dict(zip(names, rates, strict=True))

@@ -60,8 +60,7 @@ FILES = (MOTION_FILE, f"{MOTION_FILE}-metadata.json", "figures.pdf")  # of every
 OF_A_PLAN = ("report.html", *FIGURE_FILES, *VIBRATION_FILES)
 
 ROBUST = (
-    "  robust            margin {0.margin:.1%}: lqg with {0.trial.sensors} is predicted to deviate by "
-    "{0.prediction.platform:.2g} robot lengths or rad in one standard deviation; {0.trial.passed} of "
+    "  robust            margin {0.margin:.1%}: {0.prediction.sentence}; {0.trial.passed} of "
     "{0.trial.runs} wrong robots passed"
 )
 COST = "  its cost          {:+.2%} of the duration, {:+.2%} of the peak torque, against no margin"

@@ -199,7 +199,10 @@ def _report_singularity(robot: ParallelRobot, q: Array) -> Report:
     for twist in classification.twists:
         components = dict(zip(robot.axis_names, twist, strict=True))
         lines.append(f"  t_s               {_format_values(components, 6)}")
-    lines.append(DISTANCES.format(classification, _format_angles(robot, classification)))
+    angles = np.rad2deg(classification.transmission_angle)
+    named = dict(zip(robot.actuator_names, angles, strict=True))
+    transmission = f", transmission {_format_values(named, 4)} degrees" * bool(np.isfinite(angles).all())
+    lines.append(DISTANCES.format(classification, transmission))
     if not np.isnan(classification.torque_norm):  # NaN for a platform that only turns
         units = " or ".join(f"{unit}/N" for unit in sorted(set(robot.torque_units)))
         lines.append(WORST.format(classification, units))
@@ -274,16 +277,12 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
                 )
                 return q
             failure = failure.with_changes(nearest=nearest)
-        has_pose = advise_all and not impossible and _has_pose(robot, motor_joints, point)
+        end = None if point is None else np.array(point)  # in place of motors
+        columns = robot.actuated if end is None else robot.actuated[:0]
+        motors = np.array(motor_joints if end is None else ())
+        has_pose = advise_all and not impossible and can_close(robot, columns, motors, end)  # in any mode
         raise failure.adding(addition).advising({"all": True} if has_pose else None) from None
     return closed.q
-
-
-def _has_pose(robot: ParallelRobot, motor_joints: list[float] | None, point: list[float] | None) -> bool:
-    """Return whether a search finds a pose of the motors or the platform, in any mode."""
-    if motor_joints is None:
-        return can_close(robot, robot.actuated[:0], np.empty(0), np.array(point))
-    return can_close(robot, robot.actuated, np.array(motor_joints))
 
 
 def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
@@ -341,18 +340,15 @@ def _report_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     torques = torque_facts(robot, instant.torque.round(12) + 0.0, 9)
     lines = [f"  motor torque      {join_facts(torques)} (motor side)"]
     for label, forces in (("loop", instant.loop_forces), ("joint", instant.reactions)):
-        lines += [f"  {label:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in forces.items()]
+        for name, wrench in forces.items():
+            values = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
+            force, moment = ", ".join(values[:3]), ", ".join(values[3:])
+            lines.append(f"  {label:<17} {name}: force ({force}) N, moment ({moment}) N m")
     if instant.indeterminate:
         lines.append(f"  indeterminate     {', '.join(instant.indeterminate)}")
     document = select_fields(instant, "loop_forces", "reactions", "indeterminate")
     document["torque"] = dict(zip(robot.actuator_names, instant.torque, strict=True))
     return {"dynamics": document}, lines
-
-
-def _wrench_in_words(wrench: Array) -> str:
-    """State a wrench (6,) on base axes; indeterminate components are `-`."""
-    numbers = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
-    return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
 def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
@@ -416,15 +412,6 @@ def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Re
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
     return head | facts, [", ".join(head.values()), *lines]
-
-
-def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
-    """State the transmission angles; empty where undefined."""
-    angles = np.rad2deg(classification.transmission_angle)
-    if not np.isfinite(angles).all():
-        return ""
-    named = dict(zip(robot.actuator_names, angles, strict=True))
-    return f", transmission {_format_values(named, 4)} degrees"
 
 
 def _format_values(values: dict[str, float], digits: int = 9) -> str:

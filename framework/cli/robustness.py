@@ -24,10 +24,9 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.control.closed_loop import Run
-from framework.control.controllers import Controller
+from framework.control.controllers import Tuning
 from framework.control.linear_model import DISTURBANCES
 from framework.control.prediction import LoopPrediction, predict_by_sensors, suggest_sensors
-from framework.control.regulators import Tuning
 from framework.control.sensors import SENSORS, ControlLoop
 from framework.control.study import (
     CONTROLLERS,
@@ -39,7 +38,7 @@ from framework.control.study import (
     library_versions,
     load_study,
     run_store,
-    run_study,
+    run_studies,
     split_label,
 )
 from framework.control.variations import Spread
@@ -49,7 +48,6 @@ from framework.numerics.arrays import Array
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text, select_fields
-from framework.tolerances import MAX_PREDICTED_SHARE
 
 DEFAULT_CONTROLLER = "feedforward"
 FILES = ("runs.csv", "robustness.pdf", "robustness.png")
@@ -83,22 +81,12 @@ AT_LIMITS = (
 )
 LEAVE_MORE = "; `crossing plan --robust` looks for the margin that lqg needs"
 TRIED = "  tried             lqg on robots beside those of the study: {}"
-WARNING = (
-    "{0.controller} with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad and "
-    "{0.torque:.2g} of the peak torques in one standard deviation: "
-    f"more than {MAX_PREDICTED_SHARE:.0%} of the tolerance {{1:.4g}}, or more torque than the limits leave, "
-    "so that runs may fail"
-)
-SOME_DIVERGE = (
-    "{0.controller} with {0.sensors} is predicted to fail with {1:.0%} of the combinations tried of springs "
-    "at the ends of their spread"
-)
 NO_SENSORS = (
     "no sensors keep the predicted standard deviation of the platform within the tolerance {:.4g}: {}"
 )
 NO_TRIAL = "no sensors pass in trial runs: {}"
 SWEPT = 6  # values of a sweep
-STORED_RUNS = 25  # in a stored chunk, at most: an interrupted study loses no more of them
+STORED_RUNS = 25  # robots in a stored chunk, at most: an interrupted study loses no more of them
 MAX_RUNS = 1_000_000
 
 
@@ -110,7 +98,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--controller",
         nargs="+",
-        type=_controller_label,
+        type=_read_label,
         metavar="NAME",
         help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward); lqg estimates state and "
         "differences from its sensors and is for every robot, lqr needs --sensors joints for springs",
@@ -181,7 +169,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
             f"{meaning} (default: {default:g})",
             dest=f"spread_{name}",
             default=default,
-            type=_share if meaning.startswith("share") else float,
+            type=_read_share if meaning.startswith("share") else float,
         )
     loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
@@ -220,7 +208,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
 
 
-def _controller_label(text: str) -> str:
+def _read_label(text: str) -> str:
     """Check a controller's name, perhaps with a gain such as `feedforward bandwidth=20`; an argparse type."""
     try:
         split_label(text)
@@ -229,7 +217,7 @@ def _controller_label(text: str) -> str:
     return text
 
 
-def _share(text: str) -> float:
+def _read_share(text: str) -> float:
     """Parse a share such as 10% or 0.1; an argparse type."""
     try:
         return arguments.share("", text)
@@ -242,40 +230,56 @@ def run_robustness(options: Namespace) -> Report:
     if options.replay is not None:
         return replay_run(options)
     if not options.runs:
-        return _predict_only(options)
+        arguments.refuse_options(
+            options, ("out", "controller", "sweep"), "--runs 0 does no runs; leave it out"
+        )
+        setup, predictions, trials = _choose_setup(options)
+        robot = setup.plan.robot.name
+        head = f"{robot}: without runs, {setup.loop.tolerance:.4g} robot lengths or rad passes"
+        document = {"robot": robot, **setup.to_dict()} | _describe_sensors(predictions, trials)
+        return document, [head, *_format_sensors(setup, predictions, trials)]
     with arguments.start_workers(options, "framework.control.study") as executor:
         return _study_controllers(options, executor)
 
 
-def _predict_only(options: Namespace) -> Report:
-    """Predict the deviations under lqg by sensors."""
-    arguments.refuse_options(options, ("out", "controller", "sweep"), "--runs 0 does no runs; leave it out")
-    setup, predictions, trials = _choose_setup(options)
-    document = {"robot": setup.plan.robot.name, **setup.to_dict()} | _describe_sensors(predictions, trials)
-    head = f"{document['robot']}: without runs, {setup.loop.tolerance:.4g} robot lengths or rad passes"
-    return document, [head, *_format_sensors(setup, predictions, trials)]
-
-
 def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
     """Study each controller on the same robots."""
-    out = None if options.out is None else Path(options.out)
-    stores: dict[str, KeptChunks] = {}
+    store: KeptChunks | None = None
 
     def describe_kept() -> str:
-        """Count the finished runs of all studies; empty if none is finished."""
-        kept = (arrays for store in stores.values() for arrays in store.read().values())
-        count = sum(len(arrays["passed"]) for arrays in kept)
-        return f"{count} of {options.runs * len(stores)} runs" if count else ""
+        """Count the finished runs; empty if none is finished."""
+        kept = [] if store is None else store.read().values()
+        count = sum(arrays["passed"].size for arrays in kept)
+        return f"{count} of {options.runs * len(controllers)} runs" if count else ""
 
     with arguments.written_stepwise(options, FILE, FILES, describe_kept) as folder:
         setup, predictions, trials = _choose_setup(options)
         controllers = {name: setup.controller(name) for name in _controller_names(options)}
+        # robots per process, rounded up; in a store no more than STORED_RUNS are lost
+        chunk = None if options.dask else -(-options.runs // options.workers)
+        out = None if options.out is None else Path(options.out)
         if out is not None:
-            stores |= {name: run_store(out, setup.to_dict(), name) for name in controllers}
-        studies = _run_studies(options, setup, controllers, stores, executor)
+            store = run_store(out, setup.to_dict(), list(controllers))
+            chunk = min(chunk or STORED_RUNS, STORED_RUNS)
+        studies = run_studies(
+            controllers,
+            setup.loop,
+            setup.spread,
+            runs=options.runs,
+            seed=setup.seed,
+            executor=executor,
+            chunk=chunk,
+            keeper=store,
+            progress=options.progress.start("simulating", options.runs * len(controllers), "runs"),
+        )
         document = _make_document(setup, studies, out) | _describe_sensors(predictions, trials)
         if predictions:  # there are linear models
-            options.warnings += _warn(setup, controllers)
+            for study, (name, controller) in zip(document["studies"], controllers.items(), strict=True):
+                expected = setup.linear_models.predict(name, controller, setup.loop)
+                if expected is not None:
+                    study["predicted"] = expected.platform
+                    warning = expected.warning(setup.loop.tolerance)
+                    options.warnings += [warning] if warning else []
         if folder is not None:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
@@ -312,7 +316,14 @@ def _make_setup(options: Namespace) -> StudySetup:
     spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
     limit = None if options.limit is None else tuple(options.limit)
     plan = arguments.load_or_plan(options)
-    tolerance = _parse_tolerance(options.tolerance, plan.robot.length)
+    try:
+        tolerance = float(options.tolerance.removesuffix("mm"))
+    except ValueError:
+        raise InvalidInput(
+            f"--tolerance: needs a number such as 0.0025, or 0.5mm, got {options.tolerance!r}"
+        ) from None
+    if options.tolerance.endswith("mm"):
+        tolerance /= 1e3 * plan.robot.length
     loop = ControlLoop(
         tolerance=tolerance,
         end=tolerance,
@@ -327,18 +338,6 @@ def _make_setup(options: Namespace) -> StudySetup:
     return StudySetup.of(
         plan, period=options.period, loop=loop, spread=spread, seed=options.seed, tuning=tuning
     )
-
-
-def _warn(setup: StudySetup, controllers: dict[str, Controller]) -> list[str]:
-    """Return a warning for each controller whose runs are predicted to fail."""
-    warnings: list[str] = []
-    for name, controller in controllers.items():
-        one = setup.linear_models.predict(name, controller, setup.loop)
-        if one is not None and not one.is_within(setup.loop.tolerance):
-            warnings.append(WARNING.format(one, setup.loop.tolerance))
-        elif one is not None and one.ends < 1:
-            warnings.append(SOME_DIVERGE.format(one, 1 - one.ends))
-    return warnings
 
 
 def _describe_sensors(predictions: list[LoopPrediction], trials: list[SensorTrial]) -> Document:
@@ -369,15 +368,6 @@ def _list_predictions(predictions: list[LoopPrediction]) -> str:
 def _list_trials(trials: Sequence[SensorTrial]) -> str:
     """Return the trials in words, by sensors."""
     return ", ".join(f"{one.sensors} {one.passed} of {one.runs} passed" for one in trials)
-
-
-def _parse_tolerance(text: str, length: float) -> float:
-    """Parse a tolerance in robot lengths (`length` [m]) and radians, or in millimetres."""
-    try:
-        number = float(text.removesuffix("mm"))
-    except ValueError:
-        raise InvalidInput(f"--tolerance: needs a number such as 0.0025, or 0.5mm, got {text!r}") from None
-    return number / (1e3 * length) if text.endswith("mm") else number
 
 
 def _controller_names(options: Namespace) -> list[str]:
@@ -419,41 +409,11 @@ def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None)
     }
 
 
-def _run_studies(
-    options: Namespace,
-    setup: StudySetup,
-    controllers: dict[str, Controller],
-    stores: dict[str, KeptChunks],
-    executor: Executor | None,
-) -> list[Study]:
-    """Run one study for each controller, in several processes."""
-    studies: list[Study] = []
-    chunk = None if options.dask else -(-options.runs // options.workers)  # runs per process, rounded up
-    if stores:  # what is finished when the study is stopped is stored
-        chunk = min(chunk or STORED_RUNS, STORED_RUNS)
-    report_runs = options.progress.start("simulating", options.runs * len(controllers), "runs")
-    for name, controller in controllers.items():
-        study = run_study(
-            controller,
-            setup.loop,
-            setup.spread,
-            runs=options.runs,
-            name=name,
-            seed=setup.seed,
-            executor=executor,
-            chunk=chunk,
-            keeper=stores.get(name),
-            # runs of earlier studies count, too
-            progress=lambda done: report_runs(len(studies) * options.runs + done),
-        )
-        studies.append(study)
-    return studies
-
-
 def _describe_study(study: Study, limit: Array) -> Document:  # limit (n_a,) [N m, N]
     """Return a study as a document: probability, quantiles of errors, failed runs, also at the limits."""
     return {
         **select_fields(study, "controller", "probability", "interval"),
+        "predicted": None,  # standard deviation of the platform, of linear controllers
         "tracking_error": _compute_quantiles(study.tracking_error),
         "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
@@ -471,10 +431,10 @@ def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
 HEAD = """\
 {robot}: {runs} runs a controller, seed {seed}; errors in robot lengths of {length:.4g} m or rad, \
 {tolerance:.4g} of them ({tolerance_mm:.3g} mm) passes; torques in N m{binding}
-  controller\tpassed\tof 95 %\tmedian\t68 %\t95 %\tlargest\tpeak torque"""
+  controller\tpassed\tof 95 %\tmedian\tpredicted\t68 %\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
-    "{tracking_error[median]:.2e}\t{tracking_error[68 %]:.2e}\t{tracking_error[95 %]:.2e}\t"
+    "{tracking_error[median]:.2e}\t{deviation}\t{tracking_error[68 %]:.2e}\t{tracking_error[95 %]:.2e}\t"
     "{tracking_error[largest]:.2e}\t{peak_torque:.3g}"
 )
 
@@ -485,7 +445,10 @@ def _format_studies(document: Document) -> list[str]:
     binding = f"; the plan itself exceeds the limits: {', '.join(exceeded)}" if exceeded else ""
     millimetres = 1e3 * document["length"] * document["tolerance"]
     head = HEAD.format_map(document | {"binding": binding, "tolerance_mm": millimetres})
-    lines = [head, *map(ROW.format_map, document["studies"])]
+    lines = [head]
+    for study in document["studies"]:
+        deviation = "-" if study["predicted"] is None else f"{study['predicted']:.2e}"
+        lines.append(ROW.format_map(study | {"deviation": deviation}))
     for study in document["studies"]:
         failures = study["failures"]
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]
@@ -542,7 +505,9 @@ def replay_run(options: Namespace) -> Report:
     Raises:
         InvalidInput: an option that the study determines; no such study, controller or run.
     """
-    changed = _changed_options(options)
+    defaults = vars(options.parser.parse_args([options.robot]))
+    changed = [key for key, default in defaults.items() if getattr(options, key) != default]
+    changed = [key for key in changed if key not in OF_A_REPLAY]
     arguments.refuse_options(options, changed, f"the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
@@ -566,14 +531,14 @@ def replay_run(options: Namespace) -> Report:
         "as_written": written == repeated,
         "versions": {"then": stated["versions"], "now": library_versions()},
     }
-    return document, _describe_replay(document)
-
-
-def _changed_options(options: Namespace) -> list[str]:
-    """Return the options that differ from their defaults; options of a replay may do so."""
-    defaults = vars(options.parser.parse_args([options.robot]))
-    changed = [key for key, default in defaults.items() if getattr(options, key) != default]
-    return [key for key in changed if key not in OF_A_REPLAY]
+    agreement = "as in the study"
+    if written != repeated:
+        then, now = document["versions"].values()
+        others = [f"{key} {then.get(key)} then, {now[key]} now" for key in now if then.get(key) != now[key]]
+        agreement = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
+    return document, [
+        REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})
+    ]
 
 
 def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:
@@ -591,15 +556,3 @@ def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str
 def _describe_failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
     """Return the entry of run `number` among the failures in robustness.json; `seed` is of study and run."""
     return {"seed": seed, "why": runs.why[number], "tracking_error": runs.tracking_error[number]}
-
-
-def _describe_replay(document: Document) -> list[str]:
-    """Return the report on a repeated run, and on differences from the study."""
-    then = document["versions"]["then"]
-    now = document["versions"]["now"]
-    changed = [library for library in now if then.get(library) != now[library]]
-    versions = ", ".join(f"{library} {then.get(library)} then, {now[library]} now" for library in changed)
-    agreement = "as in the study"
-    if not document["as_written"]:
-        agreement = f"otherwise than in the study, with {versions or 'the same versions'}"
-    return [REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})]

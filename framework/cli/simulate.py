@@ -11,7 +11,7 @@ from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan
 from framework.errors import InvalidInput, NoAnswer
-from framework.identification.recording import Sensors, make_sensors, record_sensors
+from framework.identification.recording import make_sensors, record_sensors
 from framework.numerics.output import json_text, write_csv
 from framework.planning.result import CrossingPlan
 from framework.simulation import Simulation, simulate
@@ -60,7 +60,12 @@ def add_simulate_options(parser: OneLineParser) -> None:
 
 def run_simulate(options: Namespace) -> Report:
     """Plan or read a plan, simulate its torques and report the tracking error."""
-    sensors = _read_sensors(options)
+    sensors = None
+    if options.sensors is not None:
+        if options.out is None:
+            words = "--sensors: writes sensors.csv into a folder; give --out"
+            raise InvalidInput(words).advising({"out": "run"})
+        sensors = make_sensors(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE"))
     files = ("simulation.csv",) if sensors is None else ("simulation.csv", "sensors.csv")
     with arguments.written_out(options, "simulation.json", files) as folder:
         plan = arguments.load_or_plan(options)
@@ -81,15 +86,6 @@ def run_simulate(options: Namespace) -> Report:
                 (folder / "sensors.csv").write_text(record_sensors(result, plan.torque, sensors).as_csv())
     _check_on_path(result)
     return document, simulation_lines(result)
-
-
-def _read_sensors(options: Namespace) -> Sensors | None:
-    """Return the sensors of --sensors; None without the option."""
-    if options.sensors is None:
-        return None
-    if options.out is None:
-        raise InvalidInput("--sensors: writes sensors.csv into a folder; give --out").advising({"out": "run"})
-    return make_sensors(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE"))
 
 
 def _unit_and_limit(result: Simulation) -> tuple[str, float]:

@@ -17,7 +17,7 @@ PARTS = ("carried", "links", "rotors", "inertia")
 FIGURES = ("inertia", "limits", "mapping")  # and their ends .pdf and .png
 HEAD = "{robot}: {poses} poses, {unreached} of the ranges not reached or singular; posture {posture}"
 ERROR_HEAD = (
-    f"  error of tau_joint = G^T tau_motor in a sine of {AMPLITUDE} about the posture, on its own axis"
+    f"  error [N m, N] of tau_joint = G^T tau_motor in a sine of {AMPLITUDE} about the posture, on its axis"
 )
 
 
@@ -104,8 +104,9 @@ AXIS = """\
     inertia [kg m^2, kg]  carried body {carried}, cranks and rods {links}, rotors {rotors}
     motors' angles        {gear} per unit of the axis; constant armature at the posture {armature:.4g}
     torque [N m, N]       least {torque[0]}, largest {torque[1]}
-    speed                 largest {speed[1]}
-    reflected             dry friction {friction}; backlash of 1 of all motors' joints {backlash_gain}\
+    speed [rad/s, m/s]    largest {speed[1]}
+    reflected             dry friction {friction}; a play of 1 in all motors' joints moves it by \
+{backlash_gain}\
 {play}{held}"""
 NO_ROTORS = (
     "  without rotors        the file states neither rotor inertia of the motors nor armature of their joints"

@@ -176,7 +176,10 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
     if options.keep_limits:
         check_reference(robot)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
-    quantities = choose_quantities(robot, _quantity_names(options, robot), options.wrench)
+    names = options.quantity  # None for all that apply
+    if options.keep_limits and has_torque_limits(robot):
+        names = [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
+    quantities = choose_quantities(robot, names, options.wrench)
     window = _choose_window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
@@ -234,17 +237,6 @@ def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPos
     raise InvalidInput(message).advising({"within": None})
 
 
-def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | None:
-    """Return the names of the quantities; None for all that apply.
-
-    With --keep-limits and torque limits also `holding`.
-    """
-    names: list[str] | None = options.quantity
-    if not options.keep_limits or not has_torque_limits(robot):
-        return names
-    return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
-
-
 def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
     """Return the window of --window, or else of a survey of the reachable region."""
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
@@ -274,7 +266,9 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         ends = np.abs(np.array([window.lower, window.upper]) - window.constants[axes])
         reach = (ends / robot.platform_scale[axes]).max()
         cut = f"; more is reached beyond its {', '.join(edges)}, {reach:.2g} robot lengths or rad away"
-    lines = [f"{title}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
+    bounds = zip(window.axes, window.lower, window.upper, strict=True)
+    spans = ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in bounds)
+    lines = [f"{title}, {spans}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines += [f"  the window cuts off what is reached, at its {edge}" for edge in edges]
@@ -296,12 +290,6 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, 
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "asked", "twist")
         document["nearest_singular_pose"] = select_fields(margin, *keys) | {"platform": margin.x}
     return document, lines
-
-
-def _format_spans(robot: ParallelRobot, window: Window) -> str:
-    """State the bounds of a window."""
-    ends = zip(window.axes, window.lower, window.upper, strict=True)
-    return ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in ends)
 
 
 # ------------------------------------------------------------------ map --study

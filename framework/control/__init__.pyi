@@ -1,10 +1,9 @@
 from framework.control.closed_loop import Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import Controller, Measurement, RobotState
+from framework.control.controllers import Controller, Measurement, RobotState, Tuning
 from framework.control.linear_model import CoordinateChoice, LinearModel, linearise_plan
 from framework.control.prediction import LoopPrediction, predict, predict_by_sensors, suggest_sensors
 from framework.control.reference import Reference, reference_of
-from framework.control.regulators import Tuning
 from framework.control.robust_plan import RobustPlan, plan_robustly
 from framework.control.run_table import TableController
 from framework.control.sensors import ControlLoop

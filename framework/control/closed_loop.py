@@ -19,7 +19,7 @@ from framework.control.variations import Spread, Variation, apply_variation, dra
 from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import difference, integrate
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation import Stepper
 from framework.simulation.drive import WorldForces
@@ -93,12 +93,25 @@ def run_closed_loop(
     variations: Sequence[Variation],
     report_progress: Callable[[float], None] = lambda share: None,
 ) -> Run:
-    """Drive R varied robots along the plan, from rest at its start.
+    """Drive R varied robots along the plan, see `run_closed_loops`."""
+    return run_closed_loops([controller], loop, spread, variations, report_progress)[0]
 
-    In every sampling period the encoders are read, the controller commands torques, the torques are limited
-    and delayed, and the robots move. Runs that diverge end early.
+
+def run_closed_loops(
+    controllers: Sequence[Controller],
+    loop: ControlLoop,
+    spread: Spread,
+    variations: Sequence[Variation],
+    report_progress: Callable[[float], None] = lambda share: None,
+) -> list[Run]:
+    """Drive R varied robots with each of C controllers along the plan, from rest at its start.
+
+    In every sampling period the encoders are read, the controllers command torques, the torques are limited
+    and delayed, and the robots move. Runs that diverge end early. All runs form one stack, R runs of each
+    controller after those of the last one, because numpy takes little longer for a larger stack.
 
     Args:
+        controllers: all with the same reference.
         loop: torque limits, sensors and tolerances.
         spread: standard deviations of the encoders' noise; all other differences are in `variations`.
         variations: one for each of the R robots.
@@ -107,38 +120,43 @@ def run_closed_loop(
     Raises:
         InvalidInput: the loops of a varied robot do not close; an invalid torque limit.
     """
-    ref = controller.reference
+    ref, runs = controllers[0].reference, len(variations)
     lowest, highest = torque_range(ref, loop)
+    robots = _VariedRobots.of(ref, loop, spread, variations, len(controllers))
     # a controller that filters has the `sensors` that it was tuned for; one with a state has `start`, which
     # returns a controller with the states of R runs
-    own_sensors = getattr(controller, "sensors", None)
-    robots = _VariedRobots.of(ref, loop, spread, variations, own_sensors)
-    start = getattr(controller, "start", None)
-    driver = controller if start is None else start(len(variations))
-    last = len(ref.times) - 1
-    lost = np.full(len(variations), np.inf)  # (R,) [s] instants at which runs diverged
-    x: list[Array] = []  # (R, n) platform coordinates of each check
-    # torques (K, R, n_a) that the controller commands, and those of the motors, which follow with a delay
-    commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
-    q, v = robots.start  # (R, nq), (R, nv)
-    last_platform = None  # its motion at the last instant
+    stated = sensors_of(ref.robot, loop)
+    own_sensors = [getattr(one, "sensors", None) or stated for one in controllers]
+    sensors = [one._replace(state=stated.state) for one in own_sensors]
+    see_platform = any(one.see_platform for one in sensors)
+    drivers = [one.start(runs) if hasattr(one, "start") else one for one in controllers]
+    of_driver = [slice(c * runs, (c + 1) * runs) for c in range(len(drivers))]  # rows of the stack
+    count, last = runs * len(drivers), len(ref.times) - 1
+    lost = np.full(count, np.inf)  # (C R,) [s] instants at which runs diverged
+    x: list[Array] = []  # (C R, n) platform coordinates of each check
+    # torques (K, C R, n_a) that the controllers command, and those of the motors, which follow with a delay
+    commands, torques = np.zeros((2, last + 1, count, ref.robot.n_a))
+    q, v = robots.start  # (C R, nq), (C R, nv)
+    platforms: list[PlatformMotion | None] = [None, None]  # at this instant and at the last one
     for k in range(last + 1):
         is_check = k % PERIODS_PER_CHECK == 0 or k == last
-        platform = robots.platform_motion(k, q, v) if is_check or robots.sensors.see_platform else None
-        measured = robots.measure(k, q, v, platform, last_platform)
-        last_platform = platform
+        platform = robots.platform_motion(k, q, v) if is_check or see_platform else None
+        platforms = [platform, platforms[0]]
         if is_check and platform is not None:
             report_progress(k / last)
             x.append(platform.x)
             is_near = _deviation(ref, x[-1], ref.x[k]) < MAX_DEVIATION  # false for NaN
             lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
-        # a controller may divide by zero at Type 2: an undefined torque counts as none
-        with np.errstate(all="ignore"):
-            command = driver.torque(k, measured._replace(command=commands[k - 1] if k else None))
-        commands[k] = np.clip(np.nan_to_num(command, nan=0.0), lowest[k], highest[k])
+        for own, driver, rows in zip(sensors, drivers, of_driver, strict=True):
+            seen = [one and select(one, rows) for one in platforms]
+            measured = robots.measure(k, own, q[rows], v[rows], *seen)
+            # a controller may divide by zero at Type 2: an undefined torque counts as none
+            with np.errstate(all="ignore"):
+                command = driver.torque(k, measured._replace(command=commands[k - 1, rows] if k else None))
+            commands[k, rows] = np.clip(np.nan_to_num(command, nan=0.0), lowest[k], highest[k])
         # each run has its own delay, a number of periods; until it has passed, the first command applies
-        torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
+        torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(count)]
         if k == last or np.isfinite(lost).all():
             break
 
@@ -150,7 +168,8 @@ def run_closed_loop(
         is_running = np.isinf(lost)[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
-    return _judge(ref, loop, variations, lost, np.array(x), torques[: k + 1])
+    checked, acted = np.array(x), torques[: k + 1]  # (checks, C R, n), (periods, C R, n_a)
+    return [_judge(ref, loop, variations, lost[rows], checked[:, rows], acted[:, rows]) for rows in of_driver]
 
 
 def _deviation(ref: Reference, x: Array, planned: Array) -> Array:
@@ -203,36 +222,29 @@ def _judge(
 
 
 class PlatformMotion(NamedTuple):
-    """The motion of the platforms of R runs at one instant."""
+    """The motion of the platforms of some runs at one instant."""
 
     x: Array  # (R, n) [m, rad]
     dx: Array  # (R, n) [m/s, rad/s]
 
 
 class _VariedRobots(NamedTuple):
-    """R varied robots with encoders, delays, motor friction and external wrenches."""
+    """R varied robots with encoders, delays, motor friction and external wrenches, each in C runs."""
 
     reference: Reference  # the planned motion
-    sensors: LoopSensors
     motor_step: Array  # (n_a,) steps of the motors' encoders [rad, m], joint side; 0 without steps
-    stepper: Stepper  # computes the motion of all robots over one period
-    start: State  # q (R, nq), v (R, nv)
+    stepper: Stepper  # computes the motion of all runs over one period
+    start: State  # q (C R, nq), v (C R, nv)
     world: WorldForces  # external wrenches
-    delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
-    friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
+    delays: IntArray  # (C R,) [sampling periods] from measurement to torque, at most the whole motion
+    friction: Array  # (C R, n_a) [N m] Coulomb friction of the motors
     noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds; None without noise
 
     @staticmethod
     def of(
-        ref: Reference,
-        loop: ControlLoop,
-        spread: Spread,
-        variations: Sequence[Variation],
-        read: LoopSensors | None = None,
+        ref: Reference, loop: ControlLoop, spread: Spread, variations: Sequence[Variation], copies: int = 1
     ) -> _VariedRobots:
-        """Place the robots at the start of the plan, with its speed, loops closed.
-
-        The sensors are those that are `read`, else those of the loop.
+        """Place the robots in C = `copies` runs at the start of the plan, with its speed, loops closed.
 
         Raises:
             InvalidInput: the loops of a varied robot do not close.
@@ -242,29 +254,31 @@ class _VariedRobots(NamedTuple):
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
             stepper = Stepper.of(varied_robots, like=ref.robot)
-            copies = (len(variations), 1)
-            q = np.tile(ref.motion.q[0], copies)
+            runs = (len(variations), 1)
             v = ref.motion.v
             planned = np.where(np.abs(v[0]) > AT_REST * np.abs(v).max(), v[0], 0.0)
-            torque = np.tile(ref.torque[0], copies)
-            start = stepper.start(q, np.tile(planned, copies), torque, world=world)
+            at_start = (np.tile(row, runs) for row in (ref.motion.q[0], planned, ref.torque[0]))
+            start = stepper.start(*at_start, world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error.sentence}"
             ) from None
 
-        # delays, at most the whole motion; noise of the encoders; friction, in shares of the peak torques
+        # delays, at most the whole motion; friction, in shares of the peak torques
         periods = np.rint([(loop.delay + variation.delay) / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)
-        seeds = [variation.seed for variation in variations]
-        noise = draw_noise(ref.robot, spread, seeds, len(ref.times))
         shares = np.array([variation.friction for variation in variations])
-        sensors = sensors_of(ref.robot, loop)
-        if read is not None:
-            sensors = read._replace(state=sensors.state)
-        friction = shares * ref.peak_torque
-        steps = motor_step(ref.robot, loop)
-        return _VariedRobots(ref, sensors, steps, stepper, start, world, delays, friction, noise)
+        seeds = [variation.seed for variation in variations]
+        return _VariedRobots(
+            reference=ref,
+            motor_step=motor_step(ref.robot, loop),
+            stepper=Stepper(stepper.equations * copies, stepper.scheme),
+            start=State(*(np.tile(part, (copies, 1)) for part in start)),
+            world=world,
+            delays=np.tile(delays, copies),
+            friction=np.tile(shares * ref.peak_torque, (copies, 1)),
+            noise=draw_noise(ref.robot, spread, seeds, len(ref.times)),
+        )
 
     def platform_motion(self, k: int, q: Array, v: Array) -> PlatformMotion:
         """Compute coordinates of the platforms and their rates at instant k, angles near the planned ones."""
@@ -274,15 +288,20 @@ class _VariedRobots(NamedTuple):
         return PlatformMotion(x, solve(ref.robot.platform.rate_matrix(x), twist))
 
     def measure(
-        self, k: int, q: Array, v: Array, platform: PlatformMotion | None, last: PlatformMotion | None
+        self,
+        k: int,
+        sensors: LoopSensors,
+        q: Array,
+        v: Array,
+        platform: PlatformMotion | None,
+        last: PlatformMotion | None,
     ) -> Measurement:
-        """Read the sensors at instant k, q (R, nq) and v (R, nv), with their noise and steps.
+        """Read the `sensors` of R runs at instant k, q (R, nq) and v (R, nv), with their noise and steps.
 
         The noise of the joints becomes noise of the platform by dx/dq, the pseudo-inverse of the planned N =
         dq/dx. Accelerations follow from the platforms' motions at this instant and the `last` one.
         """
-        ref, sensors = self.reference, self.sensors
-        robot = ref.robot
+        ref, robot = self.reference, self.reference.robot
         noise, rate_noise = np.zeros((2, *v.shape)) if self.noise is None else self.noise[k].swapaxes(0, 1)
         rates = v + rate_noise
         planned = robot.coordinates.positions(ref.motion.q[[k]])  # (1, nv)
@@ -326,8 +345,8 @@ class _VariedRobots(NamedTuple):
             world = None  # forces of the external wrenches
             if self.world.acts:
                 middle = min(ref.times[k] + (step + 0.5) * h, ref.times[-1])
-                models = [equations.robot.model for equations in self.stepper.equations]
                 q_middle = integrate(ref.robot, q, 0.5 * h * v)
+                models = self.stepper.models(len(q))
                 world = self.world(ref.robot, np.repeat(middle, len(q)), q_middle, v, models)
             speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
             friction = self.friction * np.tanh(speed / ref.friction_speed)  # a smooth sign of the speed
@@ -337,5 +356,7 @@ class _VariedRobots(NamedTuple):
 
 def _round_to(values: Array, step: Array) -> Array:
     """Round values (..., s) to multiples of steps (s,); a step of 0 rounds nothing."""
+    if not step.any():
+        return values
     whole = np.round(values / np.where(step > 0, step, 1.0)) * step
     return np.where(step > 0, whole, values)

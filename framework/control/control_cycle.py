@@ -24,6 +24,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
+from framework.argument_errors import explain_errors
 from framework.dynamics.forces import all_spring_forces, damping_forces, mass_matrices
 from framework.dynamics.pointwise_dynamics import type2_pose
 from framework.errors import finite_numbers
@@ -43,7 +44,7 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_ranges import align_bases
 from framework.kinematics.motion_rates import require_turns_at_rest
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import cross, singular_values
@@ -73,6 +74,7 @@ class ControlCycle:
     T: joint rates (nv, n_a) for unit rates of the motors' joints.
     """
 
+    @explain_errors
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:
         """Start the cycle of a robot at the pose `near`.
 
@@ -83,7 +85,6 @@ class ControlCycle:
         """
         from scipy.linalg import lapack
 
-        expect_robot(robot)
         require_square(robot)
         check_motors_are_free(robot)
         require_turns_at_rest(robot)

@@ -28,13 +28,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from framework.control.deviation import Feedback, Plant, closed_loop_deviation
-from framework.control.linear_model import LinearModel, linearise_plan
+from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
 from framework.control.reference import Reference, fading_thresholds
 from framework.control.sensors import ControlLoop
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at, integrate
@@ -45,6 +45,30 @@ from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matmul, matvec, solve
 
 # ------------------------------------------------------------------ controllers
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What a designer may choose of the controllers."""
+
+    # [rad/s] of feedforward (each motor) and computed torque (the platform); None: 40 and 20, or less as the
+    # delay demands
+    bandwidth: float | None = None
+    integral: float = 0.0  # [1/s] of feedforward and computed torque, against constant disturbances
+    # of lqr and lqg: torque corrections, as shares of the peak, that cost as much as a deviation of the
+    # platform by 1e-3 robot lengths; a larger share gives faster control
+    torque_share: float = 0.3
+    # of lqg: kinds of DISTURBANCES that are estimated; None: those of the spread of robots
+    estimates: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check signs and names."""
+        if self.bandwidth is not None:
+            positive("bandwidth", self.bandwidth)
+        not_negative("integral", self.integral)
+        positive("torque_share", self.torque_share)
+        for name in self.estimates or ():
+            check_choice("estimates", name, DISTURBANCES)
 
 
 class RobotState(NamedTuple):
@@ -145,35 +169,27 @@ class FeedforwardPD:
 
     @staticmethod
     def tune(
-        reference: Reference,
-        *,
-        loop: ControlLoop | None = None,
-        bandwidth: float | None = None,
-        integral: float = 0.0,
+        reference: Reference, *, loop: ControlLoop | None = None, tuning: Tuning | None = None
     ) -> FeedforwardPD:
         """Tune each motor to a natural frequency, critically damped.
 
-        The inertia is that of a motor moving alone at the start of the motion.
+        The inertia is that of a motor moving alone at the start of the motion. The bandwidth is by default
+        40 rad/s, or less with a long delay T from measurement to torque: at most MAX_PHASE / T. For a robot
+        with springs, of which fast motions move the rotor alone, it is the one with the least predicted
+        deviation from errors of the torques at T and one period more (`closed_loop_deviation`), of
+        BANDWIDTHS.
 
         Args:
             loop: its known delay.
-            bandwidth: natural frequency of each motor [rad/s]. By default 40, or less with a long delay T
-                from measurement to torque: at most MAX_PHASE / T. For a robot with springs, of which fast
-                motions move the rotor alone, it is the one with the least predicted deviation from errors of
-                the torques at T and one period more (`closed_loop_deviation`), of BANDWIDTHS.
-            integral: rate [1/s] of an integral of the error, against constant disturbances.
         """
-        robot, period = reference.robot, reference.period
+        robot, period, tuning = reference.robot, reference.period, tuning or Tuning()
         delay = 0 if loop is None else loop.delayed_periods(period)
         inertia = motor_inertia(robot, reference.motion.q[0])
-        not_negative("integral", integral)
-        if bandwidth is not None:
-            positive("bandwidth", bandwidth)
-        elif not robot.n_e:
-            bandwidth = default_bandwidth(delay * period, period, DEFAULT_BANDWIDTH)
-        else:
+        bandwidth = tuning.bandwidth
+        if bandwidth is None and robot.n_e:
             bandwidth = _bandwidth_of_springs(reference, inertia, delay)
-        return FeedforwardPD(reference, MotorControl.of(inertia, bandwidth), delay, integral)
+        bandwidth = bandwidth or default_bandwidth(delay * period, period, DEFAULT_BANDWIDTH)
+        return FeedforwardPD(reference, MotorControl.of(inertia, bandwidth), delay, tuning.integral)
 
     def start(self, runs: int) -> IntegralRun:
         """Return the controller of R runs at the start of the plan."""
@@ -262,16 +278,15 @@ class ComputedTorque:
         *,
         aware: bool,
         loop: ControlLoop | None = None,
-        bandwidth: float | None = None,
-        integral: float = 0.0,
+        tuning: Tuning | None = None,
     ) -> ComputedTorque:
         """Return the controller that is aware of the singularity, or the naive one.
+
+        The bandwidth of the platform is by default 20 rad/s, or less with a long delay.
 
         Args:
             aware: whether the controller is aware of the singularity.
             loop: its known delay.
-            bandwidth: natural frequency of the platform [rad/s]; by default 20, or less with a long delay.
-            integral: rate [1/s] of an integral of the error, against constant disturbances.
 
         Raises:
             InvalidInput: the robot has springs, or redundant motors.
@@ -284,13 +299,11 @@ class ComputedTorque:
             )
         J = scaled_loops(robot, reference.motion.linearised)  # (K, m, nv)
         multipliers = _planned_multipliers(reference, J) if aware else None
-        not_negative("integral", integral)
-        if bandwidth is not None:
-            positive("bandwidth", bandwidth)
-        delay = 0.0 if loop is None else loop.delay
-        bandwidth = bandwidth or default_bandwidth(delay, reference.period, PLATFORM_BANDWIDTH)
         thresholds = fading_thresholds(J[:, :, robot.following])
-        return ComputedTorque(reference, multipliers, thresholds, bandwidth, integral)
+        tuning, delay = tuning or Tuning(), 0.0 if loop is None else loop.delay
+        default = default_bandwidth(delay, reference.period, PLATFORM_BANDWIDTH)
+        bandwidth = tuning.bandwidth or default
+        return ComputedTorque(reference, multipliers, thresholds, bandwidth, tuning.integral)
 
     def start(self, runs: int) -> IntegralRun:
         """Return the controller of R runs at the start of the plan."""

@@ -300,19 +300,15 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
         balanced.append(int(index))
     b = np.array(sorted(balanced), dtype=np.intp)
     choice = CoordinateChoice(motors, others, np.setdiff1d(np.arange(M.shape[1]), b), b)
-    _require_mass(robot, _condense(equations, choice.kept, choice.balanced).M)
-    return choice
-
-
-def _require_mass(robot: ParallelRobot, M: Array) -> None:
-    """Raise InvalidInput if a motion moves no mass: mass matrices M (T, m, m) are singular."""
-    size = np.sqrt(np.abs(np.einsum("tii->ti", M)))
-    scaled = M / np.maximum(size[:, :, None] * size[:, None], np.finfo(float).tiny)
+    mass = _condense(equations, choice.kept, choice.balanced).M  # (T, m, m), singular if a motion has none
+    size = np.sqrt(np.abs(np.einsum("tii->ti", mass)))
+    scaled = mass / np.maximum(size[:, :, None] * size[:, None], np.finfo(float).tiny)
     if np.linalg.svd(scaled, compute_uv=False)[:, -1].min() < RANK_ROUNDING:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: some motion of the platform moves no mass, so that torques "
             f"do not tell its acceleration"
         )
+    return choice
 
 
 def _motors_of_springs(robot: ParallelRobot, changes: MotionChanges) -> tuple[IntArray, IntArray]:
@@ -373,7 +369,12 @@ def _disturbance_forces(
         forces.append(of_springs)
     if "gravity" in kinds:
         names += [f"gravity {axis}" for axis in "xyz"]
-        forces.append(_weights(robot, motion.q))
+        for axis in np.eye(3):  # of unit gravity
+            model = robot.model.copy()
+            model.gravity.linear = axis
+            data = model.createData()
+            weight = [-pin.computeGeneralizedGravity(model, data, q) for q in motion.q]
+            forces.append(np.array(weight)[:, :, None])
     if "torque" in kinds:
         names += [f"torque {name}" for name in robot.actuator_names]
         forces.append(_motor_forces(robot, np.tile(peak, (len(motion.q), 1))))
@@ -385,15 +386,4 @@ def _motor_forces(robot: ParallelRobot, torque: Array) -> Array:
     """Return the joint forces (K, nv, n_a) of each motor's torque (K, n_a) alone, motor side."""
     forces = np.zeros((len(torque), robot.nv, robot.n_a))
     forces[:, robot.actuated, range(robot.n_a)] = robot.gear_ratio * torque
-    return forces
-
-
-def _weights(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the joint forces (K, nv, 3) of unit gravity along each base axis at q (K, nq)."""
-    forces = np.empty((len(q), robot.nv, 3))
-    for axis in range(3):
-        model = robot.model.copy()
-        model.gravity.linear = np.eye(3)[axis]
-        data = model.createData()
-        forces[:, :, axis] = [-pin.computeGeneralizedGravity(model, data, row) for row in q]
     return forces

@@ -16,20 +16,19 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.control.closed_loop import MAX_DEVIATION, torque_range
-from framework.control.controllers import Controller, FeedforwardPD, motor_gains
+from framework.control.controllers import Controller, FeedforwardPD, Tuning, motor_gains
 from framework.control.deviation import Feedback, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_variants
 from framework.control.reference import Reference
 from framework.control.regulators import (
     UNIFORM,
     Regulator,
-    Tuning,
     Weights,
     disturbances_of,
     plant_with_readings,
     prior_deviations,
     regulator_gains,
-    tune_lqg,
+    tune_filter,
 )
 from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread
@@ -59,6 +58,14 @@ class LoopPrediction:
     load: float  # the same over what the torque limit leaves at that instant; above 1 torques are cut
     ends: float = 1.0  # share of the robots with springs at the ends of the spread that keep the tolerance
 
+    @property
+    def sentence(self) -> str:
+        """The prediction in words, without a full stop."""
+        return (
+            f"{self.controller} with {self.sensors} is predicted to deviate by {self.platform:.2g} robot "
+            f"lengths or rad and {self.torque:.2g} of the peak torques in one standard deviation"
+        )
+
     def excess(self, tolerance: float) -> float:
         """Return the platform's deviation over the allowed share of a tolerance, or the load if larger."""
         return max(self.platform / (MAX_PREDICTED_SHARE * tolerance), self.load)
@@ -66,6 +73,20 @@ class LoopPrediction:
     def is_within(self, tolerance: float) -> bool:
         """Return whether runs are expected to keep a tolerance [robot lengths, rad] and the torque limits."""
         return self.excess(tolerance) <= 1
+
+    def warning(self, tolerance: float) -> str:
+        """Return why runs may fail at a tolerance [robot lengths, rad]; empty if they are to pass."""
+        if not self.is_within(tolerance):
+            return (
+                f"{self.sentence}: more than {MAX_PREDICTED_SHARE:.0%} of the tolerance {tolerance:.4g}, or "
+                f"more torque than the limits leave, so that runs may fail"
+            )
+        if self.ends < 1:
+            return (
+                f"{self.controller} with {self.sensors} is predicted to fail with {1 - self.ends:.0%} of the "
+                f"combinations tried of springs at the ends of their spread"
+            )
+        return ""
 
 
 class LinearModels(NamedTuple):
@@ -171,19 +192,21 @@ class LinearModels(NamedTuple):
 
     def _tune(self, loop: ControlLoop, noise: float, torque: float) -> tuple[Regulator, LoopPrediction]:
         """Tune lqg with weights times factors of noise and torque share, and predict its deviations."""
-        reference, tuning, model = self.reference, self.tuning, self.within[0]
+        reference, spread, tuning, model = self.reference, self.spread, self.tuning, self.within[0]
         weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
         if weights.torque not in self.gains:  # they do not depend on sensors
             self.gains[weights.torque] = regulator_gains(reference, model, weights)
-        controller = tune_lqg(
-            reference,
-            model,
-            self.gains[weights.torque],
-            loop=loop,
-            spread=self.spread,
-            estimates=tuning.estimates,
-            weights=weights,
-        )
+        sensors = sensors_of(reference.robot, loop)
+        plant = plant_with_readings(model, sensors, reference)
+        # the filter counts disturbances that are not estimated as zero
+        kinds = disturbances_of(spread) if tuning.estimates is None else tuning.estimates
+        start = prior_deviations(reference, model, spread)
+        start[2 * model.m :] *= [
+            name.split()[0] in {kind.rstrip("s") for kind in kinds} for name in model.names
+        ]
+        observer = tune_filter(reference, model, plant, sensors, spread, weights, start)
+        delay = loop.delayed_periods(reference.period)
+        controller = Regulator(reference, model, self.gains[weights.torque], delay, observer, sensors)
         prediction = self.predict("lqg", controller, loop)
         assert prediction is not None
         return controller, prediction

@@ -96,6 +96,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
     motion = dynamics.motion(times)
     x = plan.platform(times)  # (K, n)
     speed = plan.motor_angle(times, order=1)
+    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, K, n) one twist for each unit rate of x
+    rates = joint_rates(robot, motion.linearised, twists, np.zeros((len(x), robot.n_e)))  # (n, K, nv)
     torque_limit = motor_limits(robot, "torque_limit", plan.request.torque_limit)
     drives = specification_of(robot, replace(plan.request, margin=0.0)).drives
     return Reference(
@@ -112,18 +114,10 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         period_torque=dynamics.torques(middles),
         motor_angle=plan.motor_angle(times),
         motor_speed=speed,
-        N=joint_rates_by_platform(robot, motion, x),
+        N=np.moveaxis(rates, 0, 2),
         law=plan.law,
         wrenches=dynamics.wrenches,
     )
-
-
-def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
-    """Compute N = dq/dx (T, nv, n) at x (T, n) along a motion, at constant deflections."""
-    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n) one twist for each unit rate of x
-    no_deflection_rates = np.zeros((len(x), robot.n_e))
-    rates = joint_rates(robot, motion.linearised, twists, no_deflection_rates)  # (n, T, nv)
-    return np.moveaxis(rates, 0, 2)
 
 
 def fading_thresholds(matrices: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 
 from framework.control.controllers import Measurement, estimate_state
 from framework.control.deviation import Feedback, Observer, Plant
-from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
+from framework.control.linear_model import LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.sensors import (
     IMU_NOISE,
@@ -31,10 +31,9 @@ from framework.control.sensors import (
     sensors_of,
 )
 from framework.control.variations import Spread
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput
 from framework.kinematics.frames import difference
 from framework.numerics.arrays import Array
-from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.tolerances import RANK_ROUNDING
 
@@ -67,30 +66,6 @@ class Weights:
     def with_noise(self, factor: float) -> Weights:
         """Return the weights with more noise of accelerations and motor torques."""
         return replace(self, acceleration=factor * self.acceleration, motor_torque=factor * self.motor_torque)
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """What a designer may choose of the controllers."""
-
-    # [rad/s] of feedforward (each motor) and computed torque (the platform); None: 40 and 20, or less as the
-    # delay demands
-    bandwidth: float | None = None
-    integral: float = 0.0  # [1/s] of feedforward and computed torque, against constant disturbances
-    # of lqr and lqg: torque corrections, as shares of the peak, that cost as much as a deviation of the
-    # platform by 1e-3 robot lengths; a larger share gives faster control
-    torque_share: float = 0.3
-    # of lqg: kinds of DISTURBANCES that are estimated; None: those of the spread of robots
-    estimates: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        """Check signs and names."""
-        if self.bandwidth is not None:
-            positive("bandwidth", self.bandwidth)
-        not_negative("integral", self.integral)
-        positive("torque_share", self.torque_share)
-        for name in self.estimates or ():
-            check_choice("estimates", name, DISTURBANCES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +112,15 @@ class RegulatorRun:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         own = self.regulator
+        ref, columns = own.reference, own.model.columns
         F, G, C, D = own.observer.plant
-        planned = own.reference.period_torque
-        readings = measured_state(own, k, measurement) if own.sensors is None else measurement.readings
+        planned = ref.period_torque
+        readings = measurement.readings
+        if own.sensors is None:  # h and h' (R, 2m), less the planned ones, are measured
+            state, motion = estimate_state(ref, k, measurement, aware=True), ref.motion
+            joints = difference(ref.robot, motion.q[[k]], state.q)[:, columns]
+            rates = (state.v - motion.v[k])[:, columns]
+            readings = np.concatenate([state.x - ref.x[k], joints, state.dx - ref.dx[k], rates], axis=1)
         if readings is None:
             raise InvalidInput("lqg: needs the readings of its sensors in the measurement")
         z, expected = self.z, matvec(C[k], self.z)
@@ -167,16 +148,6 @@ class RegulatorRun:
         return self.sent[max(k - self.regulator.delay, 0)] - self.reference.period_torque[k]
 
 
-def measured_state(regulator: Regulator, k: int, measurement: Measurement) -> Array:
-    """Return the measured h and h' (R, 2m), less the planned ones, at instant k."""
-    reference, columns = regulator.reference, regulator.model.columns
-    state = estimate_state(reference, k, measurement, aware=True)
-    motion = reference.motion
-    joints = difference(reference.robot, motion.q[[k]], state.q)[:, columns]
-    rates = (state.v - motion.v[k])[:, columns]
-    return np.concatenate([state.x - reference.x[k], joints, state.dx - reference.dx[k], rates], axis=1)
-
-
 # ------------------------------------------------------------------ gains
 
 
@@ -200,35 +171,6 @@ def tune_lqr(
     exact = Observer(plant, np.ascontiguousarray(plant.C.swapaxes(1, 2)), np.zeros(2 * model.m))
     gain = regulator_gains(reference, model, weights)
     return Regulator(reference, model, gain, loop.delayed_periods(reference.period), exact, None)
-
-
-def tune_lqg(
-    reference: Reference,
-    model: LinearModel,
-    gain: Array,
-    *,
-    loop: ControlLoop,
-    spread: Spread,
-    estimates: tuple[str, ...] | None,
-    weights: Weights,
-) -> Regulator:
-    """Compute a Kalman filter for the sensors of the loop, of a regulator with gains (K, n_a, N).
-
-    Args:
-        model: linear model with all disturbances of the spread and of `estimates`.
-        gain: `regulator_gains` of this model.
-        loop: sensors, their steps, and the known delay.
-        spread: of robots about the model, whose noise and disturbances the filter expects.
-        estimates: disturbances that are estimated, kinds of DISTURBANCES; None: those of the spread.
-        weights: what the filter does not model.
-    """
-    sensors = sensors_of(reference.robot, loop)
-    plant = plant_with_readings(model, sensors, reference)
-    estimated = {kind.rstrip("s") for kind in (disturbances_of(spread) if estimates is None else estimates)}
-    start = prior_deviations(reference, model, spread)
-    start[2 * model.m :] *= [name.split()[0] in estimated for name in model.names]
-    observer = tune_filter(reference, model, plant, sensors, spread, weights, start)
-    return Regulator(reference, model, gain, loop.delayed_periods(reference.period), observer, sensors)
 
 
 def disturbances_of(spread: Spread) -> tuple[str, ...]:

@@ -22,10 +22,6 @@ from framework.errors import NoAnswer
 from framework.planning.result import CrossingPlan
 from framework.tolerances import LARGEST_MARGIN, MARGIN_STEP
 
-PREDICTED = (
-    "lqg with {0.sensors} is predicted to deviate by {0.platform:.2g} robot lengths or rad, torques "
-    "by {0.torque:.2g} of their peaks, in one standard deviation"
-)
 TRIED = "lqg with {0.sensors} passes with {0.passed} of {0.runs} robots"
 
 
@@ -68,7 +64,7 @@ def plan_robustly(
         setup = StudySetup(plan, period, loop, spread, seed)
         prediction = setup.linear_models.tune_lqg(loop)[1]
         if not prediction.is_within(loop.tolerance):
-            reasons.append(PREDICTED.format(prediction))
+            reasons.append(prediction.sentence)
             return None
         trial = setup.try_sensors([prediction])[-1]
         if not trial.is_enough:

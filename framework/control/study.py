@@ -19,11 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.control.closed_loop import Outcomes, Run, run_closed_loop, torque_limit
-from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD
+from framework.argument_errors import explain_errors
+from framework.control.closed_loop import Outcomes, Run, run_closed_loop, run_closed_loops, torque_limit
+from framework.control.controllers import ComputedTorque, Controller, FeedforwardPD, Tuning
 from framework.control.prediction import LinearModels, LoopPrediction
 from framework.control.reference import Reference, reference_of
-from framework.control.regulators import Tuning, Weights, tune_lqr
+from framework.control.regulators import Weights, tune_lqr
 from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread, draw
 from framework.errors import InvalidInput, check_choice
@@ -50,7 +51,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.saved import plan_document, plan_from_document, read_document
 from framework.tolerances import MAX_TRIAL_FAILURES, TRIAL_RUNS
 
-RUNS_PER_CHUNK = 250  # runs that are stacked; larger stacks do not make a run cheaper
+RUNS_PER_CHUNK = 250  # runs that are stacked, of all controllers; larger stacks do not make a run cheaper
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +61,7 @@ class Study(Outcomes):
     controller: str
     spread: Spread
     seed: int
-    seconds: float
+    seconds: float  # computing time, in equal shares of controllers that were studied together
 
     @property
     def probability(self) -> float:
@@ -99,20 +100,47 @@ def run_study(
     keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Study:
-    """Do `runs` closed-loop runs, each of a robot drawn from the spread.
+    """Do `runs` closed-loop runs of a controller, see `run_studies`; `name` is that of the controller."""
+    return run_studies(
+        {name: controller},
+        loop,
+        spread,
+        runs=runs,
+        seed=seed,
+        executor=executor,
+        chunk=chunk,
+        keeper=keeper,
+        progress=progress,
+    )[0]
+
+
+def run_studies(
+    controllers: Mapping[str, Controller],
+    loop: ControlLoop,
+    spread: Spread,
+    *,
+    runs: int,
+    seed: int = 0,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    keeper: KeptChunks | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[Study]:
+    """Do `runs` closed-loop runs of each controller on the same robots, drawn from the spread.
 
     Args:
-        controller: drives the robots along its planned motion.
+        controllers: by name, of one reference; they drive the robots along its planned motion.
         loop: torque limits, sensors and tolerances.
-        spread: of the robots about the controller's model.
-        name: name of the controller in the result.
+        spread: of the robots about the controllers' model.
+        runs: number of robots.
+        seed: of the random numbers.
         executor: computes chunks of runs; by default this process does. It must be able to pickle the
-            controller.
-        chunk: number of runs that are computed together, at most and by default 250. Results do not depend
-            on this number.
+            controllers.
+        chunk: number of robots that are computed together, at most and by default 250 over the number of
+            controllers. Results do not depend on this number.
         keeper: stores finished chunks; stored chunks are not computed again.
-        progress: called with the number of finished runs. Without an executor a chunk in progress counts by
-            the finished share of its motion.
+        progress: called with the number of finished runs of all controllers. Without an executor a chunk in
+            progress counts by the finished share of its motion.
 
     Raises:
         InvalidInput: fewer than one run, or a negative seed.
@@ -123,73 +151,81 @@ def run_study(
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
 
     started = time.perf_counter()
-    chunk_size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
-    # numbers of the runs of each chunk, by the name under which the chunk is stored
-    chunks = {}
-    for first in range(0, runs, chunk_size):
-        stop = min(first + chunk_size, runs)
-        chunks[f"{first}-{stop}"] = range(first, stop)
+    count = len(controllers)
+    largest = max(1, RUNS_PER_CHUNK // count)
+    chunk_size = min(chunk or largest, largest)
+    every = range(runs)
+    parts = [every[first : first + chunk_size] for first in every[::chunk_size]]  # numbers of the robots
+    chunks = {f"{part.start}-{part.stop}": part for part in parts}  # by the name of a stored chunk
     finished_runs = 0  # in finished chunks, for the progress within a chunk
 
     def report(names: Collection[str]) -> None:
         """Count the runs of finished chunks, and report their number."""
         nonlocal finished_runs
-        finished_runs = sum(len(chunks[chunk_name]) for chunk_name in names)
+        finished_runs = count * sum(len(chunks[chunk_name]) for chunk_name in names)
         progress(finished_runs)
 
-    task = partial(run_chunk, controller, loop, spread, seed)  # takes the numbers of the runs
+    # takes the numbers of the robots
+    task = partial(run_chunk, list(controllers.values()), loop, spread, seed)
 
     def run_and_report(chunk_runs: range) -> Arrays:
         """Do the runs of a chunk in this process, and report progress within the chunk."""
-        return task(chunk_runs, lambda share: progress(finished_runs + int(share * len(chunk_runs))))
+        size = count * len(chunk_runs)
+        return task(chunk_runs, lambda share: progress(finished_runs + int(share * size)))
+
+    n_a = next(iter(controllers.values())).reference.robot.n_a
+
+    def describe_arrays(chunk_runs: range) -> dict[str, ArrayField]:
+        """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
+        shape = (len(chunk_runs), count)
+        # types by their numpy kinds: f for floats, b for booleans, U for text
+        return {
+            **dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", shape)),
+            "peak_torque": ArrayField("f", (*shape, n_a)),
+            "passed": ArrayField("b", shape),
+            "why": ArrayField("U", shape),
+        }
 
     arrays = complete_chunks(
         run_and_report if executor is None else task,
         chunks,
-        partial(_chunk_fields, controller.reference.robot.n_a),
+        describe_arrays,
         executor=executor,
         keeper=keeper,
         progress=report,
     )
-    outcomes: Document = {**arrays, "why": tuple(arrays["why"].tolist())}  # fields of `Outcomes`
-    seconds = time.perf_counter() - started
-    return Study(controller=name, spread=spread, seed=seed, seconds=seconds, **outcomes)
+    seconds = (time.perf_counter() - started) / count
+    studies: list[Study] = []
+    for c, name in enumerate(controllers):
+        outcomes: Document = {key: array[:, c] for key, array in arrays.items()}  # fields of `Outcomes`
+        outcomes["why"] = tuple(outcomes["why"].tolist())
+        studies.append(Study(controller=name, spread=spread, seed=seed, seconds=seconds, **outcomes))
+    return studies
 
 
 def run_chunk(
-    controller: Controller,
+    controllers: Sequence[Controller],
     loop: ControlLoop,
     spread: Spread,
     seed: int,
     chunk: range,
     report_progress: Callable[[float], None] = lambda share: None,
 ) -> Arrays:
-    """Do the runs of one chunk, by number; return their outcomes as arrays, by field of `Outcomes`."""
-    robot = controller.reference.robot
+    """Do the runs of robots by number with C controllers; return outcomes (robots, C, ...) by field."""
+    robot = controllers[0].reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
-    run = run_closed_loop(controller, loop, spread, variations, report_progress)
-    return {field.name: np.asarray(getattr(run, field.name)) for field in fields(Outcomes)}
+    runs = run_closed_loops(controllers, loop, spread, variations, report_progress)
+    names = [field.name for field in fields(Outcomes)]
+    return {name: np.stack([np.asarray(getattr(run, name)) for run in runs], axis=1) for name in names}
 
 
-def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
-    """Return types and shapes of the outcomes of a chunk of runs, by field of `Outcomes`."""
-    runs = (len(chunk),)
-    # types by their numpy kinds: f for floats, b for booleans, U for text
-    return {
-        **dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", runs)),
-        "peak_torque": ArrayField("f", (*runs, motors)),
-        "passed": ArrayField("b", runs),
-        "why": ArrayField("U", runs),
-    }
-
-
-def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunks:
-    """Return the store in the folder `out` for the runs of a controller.
+def run_store(out: Path, setup: Mapping[str, Any], controllers: Sequence[str]) -> KeptChunks:
+    """Return the store in the folder `out` for the runs of controllers.
 
     Its name is a hash of the JSON document `setup`, in which the computing time of the plan does not count.
     """
     plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
-    return KeptChunks.of(out, {**setup, "plan": plan}, controller)
+    return KeptChunks.of(out, {**setup, "plan": plan, "controllers": list(controllers)})
 
 
 # ------------------------------------------------------------------ controllers by name
@@ -243,10 +279,9 @@ def tuned_controller(
     if name == "lqg":
         models = models or LinearModels.of(reference, spread, tuning)
         return models._replace(tuning=tuning).tune_lqg(loop)[0]
-    gains: dict[str, Any] = {"loop": loop, "bandwidth": tuning.bandwidth, "integral": tuning.integral}
     if name == "feedforward":
-        return FeedforwardPD.tune(reference, **gains)
-    return ComputedTorque.tune(reference, aware=name == "computed_torque", **gains)
+        return FeedforwardPD.tune(reference, loop=loop, tuning=tuning)
+    return ComputedTorque.tune(reference, aware=name == "computed_torque", loop=loop, tuning=tuning)
 
 
 # ------------------------------------------------------------------ the set-up of a study, in robustness.json
@@ -282,6 +317,7 @@ class StudySetup:
     tuning: Tuning = field(default_factory=Tuning)
 
     @staticmethod
+    @explain_errors
     def of(
         plan: CrossingPlan,
         *,
@@ -318,6 +354,7 @@ class StudySetup:
         """The plan at the sampling instants of the controller."""
         return reference_of(self.plan, period=self.period)
 
+    @explain_errors
     def controller(self, name: str) -> Controller:
         """Return the controller of a name, tuned for the loop and the spread.
 
@@ -333,6 +370,7 @@ class StudySetup:
             kind, self.reference, loop=self.loop, spread=self.spread, tuning=tuning, models=models
         )
 
+    @explain_errors
     def with_sensors(self, sensors: str) -> StudySetup:
         """Return the set-up with other sensors."""
         other = replace(self, loop=replace(self.loop, sensors=sensors))
@@ -341,6 +379,7 @@ class StudySetup:
         )
         return other
 
+    @explain_errors
     def try_sensors(self, predictions: Sequence[LoopPrediction]) -> list[SensorTrial]:
         """Try lqg with sensors in turn, until TRIAL_RUNS robots pass.
 
@@ -373,6 +412,7 @@ class StudySetup:
             trials.append(SensorTrial(best.sensors, passed, 2 * TRIAL_RUNS))
         return trials
 
+    @explain_errors
     def run(self, controller: str, *numbers: int) -> Run:
         """Repeat runs of the study together.
 

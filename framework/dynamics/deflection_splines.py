@@ -189,19 +189,3 @@ class KnownDeflections(NamedTuple):
     def evaluate(self, times: Array, order: int) -> Array:
         """Compute deflections (T, n_e), or their first or second time derivative, at times (T,) [s]."""
         return self(times)[order]
-
-
-class SplineFunction(NamedTuple):
-    """A function (c,) of the parameter of a law, represented by splines."""
-
-    splines: DeflectionSplines
-    series: Array  # (size, c)
-
-    @staticmethod
-    def fit(splines: DeflectionSplines, values: Array) -> SplineFunction:
-        """Fit a function to values (T, ...) at the nodes of splines."""
-        return SplineFunction(splines, splines.fit(values.reshape(len(values), -1)))
-
-    def __call__(self, p: Array) -> Array:
-        """Compute the values (T, c) at p (T,)."""
-        return self.splines.evaluate(self.series, p)

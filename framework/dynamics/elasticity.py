@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.forces import Forces, joint_forces, tree_forces
+from framework.dynamics.forces import Forces, balanced_forces, joint_forces, tree_forces
 from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
@@ -214,21 +214,20 @@ def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) 
         beside: instants (k,) [s] of the checkpoints, where the motor torques may have no value.
     """
     robot = branch.robot
-    times = np.concatenate([grid.times, beside])  # (T + k,)
-    zeros = np.zeros((len(times), robot.n_e))  # deflections, and their first and second derivatives
-    motion = motion_with_deflections(branch, times, law, (zeros, zeros, zeros))
+    motion = motion_at_rest(branch, np.concatenate([grid.times, beside]), law)  # at T + k instants
     T = len(grid.times)
     on_grid, at_checkpoints = motion.select(slice(T)), motion.select(slice(T, None))
-    forces = joint_forces(robot, on_grid)
+    r = tree_forces(robot, motion)  # (T + k, nv)
+    forces = balanced_forces(robot, on_grid.linearised, r[:T])
     return Pass(
         grid,
         law,
         deflections=TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e))),
-        q_e=zeros[:T],
+        q_e=np.zeros((T, robot.n_e)),
         motion=on_grid,
         forces=forces,
         caused=-forces.spring_force / robot.stiffness,  # q_e = -K^-1 f, as in this file's docstring
-        checkpoints=Checkpoints(beside, at_checkpoints, tree_forces(robot, at_checkpoints)),
+        checkpoints=Checkpoints(beside, at_checkpoints, r[T:]),
     )
 
 

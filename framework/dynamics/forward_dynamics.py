@@ -36,7 +36,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, require_closed_rates
 from framework.kinematics.motion_rates import Motion, coordinate_changes, platform_twists
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.ordered_sums import solve
@@ -78,7 +78,6 @@ def forward_dynamics(
             the row.
     """
     # stacks of T states, checked
-    expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
     rates = stack_rows("v", v, robot.nv, count)
@@ -152,7 +151,6 @@ def forward_derivatives(
             mass, for which torques do not determine the acceleration.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
     """
-    expect_robot(robot)
     require_square(robot)
     instant = forward_dynamics(robot, q, v, torque, wrenches=wrenches)
     if not np.isfinite(instant.a).all():

@@ -29,7 +29,6 @@ from framework.dynamics.motion_checks import (
     MissingForces,
     check_idle_joints,
     check_instants,
-    find_missing_forces,
     measure_residuals,
     unresolved_error,
     unseen_near_miss,
@@ -62,7 +61,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import ExactLaw, MotionLaw, edges_of, is_number
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
@@ -147,7 +146,6 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
     Raises:
         InvalidInput: the geometry is unknown.
     """
-    expect_robot(robot)
     geometry = "deformed" if geometry is None else geometry
     check_choice("geometry", geometry, GEOMETRIES)
     return geometry if robot.n_e else "rigid"
@@ -253,8 +251,7 @@ def _resolve_on_grids(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        missing = find_missing_forces(robot, solution, result)
-        result = measure_residuals(solution, result, missing)
+        result, missing = measure_residuals(solution, result)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)
@@ -323,8 +320,9 @@ class _Refinement:
             NotConverged: the springs are too soft for the motion.
         """
         branch = self.searched.branch
-        crossings = self.crossed if self.known is None or not self.crossings else self.crossings
-        instants = np.array([crossing.time for crossing in crossings])
+        instants = np.array([time for time, _ in self.crossed])
+        if self.known is not None and self.crossings:
+            instants = np.array([crossing.time for crossing in self.crossings])
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
             if self.known is not None:

@@ -61,18 +61,29 @@ class MissingForces(NamedTuple):
     residual: Array  # (T, nv) the missing forces
 
 
-def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingForces) -> InverseDynamics:
-    """Return the result with the largest loop gap and residual torque, on and between nodes.
+def measure_residuals(solution: Pass, result: InverseDynamics) -> tuple[InverseDynamics, MissingForces]:
+    """Return the result with the largest loop gap and residual torque, and the forces missing for balance.
 
-    The largest gap compares the numbers of all loop equations, in m or rad.
+    The forces are those between the nodes; with rigid geometry the checkpoints of the pass at rest serve. The
+    largest gap compares the numbers of all loop equations, in m or rad, on and between nodes.
 
     Raises:
-        NotAssembled: rounded loop equations open farther than rounding explains.
+        NotAssembled: a loop equation that was left out opens.
     """
-    robot, times = result.robot, missing.times
-    # the load of an idle joint is no error of the series: `check_idle_joints` limits it
-    residual = missing.residual.copy()
-    residual[:, robot.structure.idle] = 0.0
+    robot = result.robot
+    gap_of_rounded = _check_rows_left_out(robot, solution)
+    if result.geometry == "rigid":
+        assert solution.checkpoints is not None
+        times, motion, r = solution.checkpoints
+    else:
+        times = check_instants(robot, solution.grid)
+        motion = result.motion(times)
+        r = tree_forces(robot, motion)
+    torques = solution.grid.fit(solution.forces.joint_torque)(times)  # (T, n_a)
+    forces = residual_torques(robot, motion.linearised, r, torques)  # (T, nv)
+    residual = forces.copy()
+    residual[:, robot.structure.idle] = 0.0  # no error of the series: `check_idle_joints` limits it
+
     poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
         solution.motion.linearised.solved_residual,  # on the nodes
@@ -83,28 +94,44 @@ def measure_residuals(solution: Pass, result: InverseDynamics, missing: MissingF
         result.certificate,
         max_closure_error=float(max(np.abs(gap).max(initial=0.0) for gap in gaps)),
         max_residual_torque=float(np.abs(residual).max()),
-        rounded_gap=_rounded_gap(robot, solution.motion.q),
+        rounded_gap=gap_of_rounded,
     )
-    return replace(result, certificate=certificate)
+    return replace(result, certificate=certificate), MissingForces(times, torques, forces)
 
 
-def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
-    """Compute the largest gap [m or rad] of rounded loop equations along q (T, nq).
+def _check_rows_left_out(robot: ParallelRobot, solution: Pass) -> float:
+    """Return the largest gap [m or rad] of rounded loop equations; refuse a motion that opens a left-out one.
 
-    A rounded equation repeats others at the reference, up to the rounding of numbers in the file. Such
-    equations are left out of the computation of the motion.
+    A dropped equation follows from the others at the reference; it may not do so elsewhere. A rounded one
+    repeats others there up to the rounding of numbers in the file.
 
     Raises:
-        NotAssembled: the gap is larger than rounding explains.
+        NotAssembled: a dropped equation opens on some node, or a rounded one farther than rounding explains.
     """
-    gap = rounded_gap(robot, q)
+    motion, dropped = solution.motion, robot.structure.dropped
+    residual = motion.linearised.loops.residual[:, dropped]  # (T, dropped)
+    scaled_gaps = np.abs(residual) / robot.row_lengths[dropped]  # in radians and robot lengths
+    if scaled_gaps.max(initial=0.0) > LOOP_GAP:
+        instant, k = np.unravel_index(scaled_gaps.argmax(), scaled_gaps.shape)
+        row = dropped[k]  # its index among all loop equations
+        gap = float(abs(residual[instant, k]))
+        unit = "rad" if robot.rows.rotation[row] else "m"
+        raise NotAssembled(
+            f"{robot.rows.names[row]}, which repeats other loop equations at the reference, is open by "
+            f"{gap:.3g} {unit} at t = {solution.grid.times[instant]:.6g} s: this motion tears the loop",
+            clauses=("give a reference on the motion's own way",),
+            name=robot.name,
+            q=motion.q[instant],
+            residual=gap,
+        )
+    gap = rounded_gap(robot, motion.q)
     if gap > EXPORT_ROUNDING * max(robot.length, 1.0):
         raise NotAssembled(
             f"{', '.join(robot.rounded.names)}, which repeat other loop equations but for "
             f"rounding at the reference, open by {gap:.3g} m or rad on the way: this motion tears the loop",
             clauses=("check the dimensions, or lock only what it takes (axes: [...])",),
             name=robot.name,
-            q=q[-1],
+            q=motion.q[-1],
             residual=gap,
         )
     return gap
@@ -202,26 +229,6 @@ def _closure_that_holds(robot: ParallelRobot, column: int, ball: int) -> Closure
     return closure if len(trial.structure.idle) < len(robot.structure.idle) else None
 
 
-def find_missing_forces(robot: ParallelRobot, solution: Pass, result: InverseDynamics) -> MissingForces:
-    """Compute the forces missing for balance between the nodes of a solution.
-
-    With rigid geometry the checkpoints of the pass at rest serve.
-
-    Raises:
-        NotAssembled: a loop equation that was dropped as redundant does not hold on a node.
-    """
-    _check_dropped_rows(robot, solution)
-    if result.geometry == "rigid":
-        assert solution.checkpoints is not None
-        times, motion, r = solution.checkpoints
-    else:
-        times = check_instants(robot, solution.grid)
-        motion = result.motion(times)
-        r = tree_forces(robot, motion)
-    torques = solution.grid.fit(solution.forces.joint_torque)(times)
-    return MissingForces(times, torques, residual_torques(robot, motion.linearised, r, torques))
-
-
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Motion:
     """Evaluate the motion that causes the forces of a result, at instants (T,) [s].
 
@@ -231,34 +238,6 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Mo
     if not (robot.n_e and result.geometry == "rigid"):
         return result.motion(times)
     return motion_at_rest(branch, times, result.law)
-
-
-def _check_dropped_rows(robot: ParallelRobot, solution: Pass) -> None:
-    """Raise NotAssembled if a loop equation that was dropped as redundant does not hold on some node.
-
-    At the reference such an equation follows from the others. It may not do so elsewhere.
-    """
-    dropped = robot.structure.dropped
-    if not len(dropped):
-        return
-    residual = solution.motion.linearised.loops.residual  # (T, rows) of all loop equations
-    # in radians and robot lengths
-    scaled_gaps = np.abs(residual[:, dropped]) / robot.row_lengths[dropped]
-    instant, k = np.unravel_index(scaled_gaps.argmax(), scaled_gaps.shape)
-    if scaled_gaps[instant, k] <= LOOP_GAP:
-        return
-
-    row = dropped[k]  # its index among all loop equations
-    gap = float(abs(residual[instant, row]))
-    unit = "rad" if robot.rows.rotation[row] else "m"
-    raise NotAssembled(
-        f"{robot.rows.names[row]}, which repeats other loop equations at the reference, is "
-        f"open by {gap:.3g} {unit} at t = {solution.grid.times[instant]:.6g} s: this motion tears the loop",
-        clauses=("give a reference on the motion's own way",),
-        name=robot.name,
-        q=solution.motion.q[instant],
-        residual=gap,
-    )
 
 
 def residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, torque: Array) -> Array:

@@ -39,7 +39,7 @@ from framework.dynamics.motor_limits import Limit, motor_limits
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.polytope import Polytope, sign_combinations, slabs, zonotope
@@ -250,7 +250,6 @@ def platform_limits(
             does not determine the joints.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
     """
-    expect_robot(robot)
     require_square(robot)
     closed = assembled_at(robot, q)
     torque = motor_limits(robot, "torque_limit", torque_limit)

@@ -69,7 +69,7 @@ from framework.kinematics.motion_rates import (
     motor_speeds,
     require_turns_at_rest,
 )
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import PANEL_NODES, TimeGrid, coefficients, evaluate, tail
 from framework.numerics.ordered_sums import matvec
@@ -167,7 +167,6 @@ def prescribed_motion(
     Raises:
         InvalidInput, NotAssembled: as `dynamics_at`.
     """
-    expect_robot(robot)
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)

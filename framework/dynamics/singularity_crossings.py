@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -115,11 +114,7 @@ def find_instants(law: MotionLaw, edges: Array, places: Sequence[float] | Array)
     return [roots[np.diff(roots, prepend=-np.inf) > apart] for roots in instants]
 
 
-class CrossedPoint(NamedTuple):
-    """An instant [s] at which a law passes a singular point of the undeformed robot."""
-
-    time: float
-    point: SingularPoint
+CrossedPoint = tuple[float, SingularPoint]  # an instant [s] at which a law passes a singular point
 
 
 def find_crossed_points(
@@ -137,9 +132,7 @@ def find_crossed_points(
     edges = panel_edges(branch, law)
     # every instant of a crossing, with the singular point
     instants = find_instants(law, edges, [point.s for point in points])
-    crossed = [
-        CrossedPoint(float(t), point) for point, times in zip(points, instants, strict=True) for t in times
-    ]
+    crossed = [(float(t), point) for point, times in zip(points, instants, strict=True) for t in times]
     if not crossed:
         return []
     along = np.linspace(0.0, law.duration, SAMPLES)

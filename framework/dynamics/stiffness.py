@@ -35,7 +35,7 @@ from framework.kinematics.continuation.arclength import LOAD_STEP
 from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at, scaled_loops
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import factor_transposed, matmul, matvec
 from framework.tolerances import (
@@ -262,7 +262,6 @@ def platform_stiffness(
             rigid along some axis; a wrench is given without `loaded`.
         NotConverged: there is no equilibrium near q.
     """
-    expect_robot(robot)
     if wrench is not None and not loaded:
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
     closed = assembled_at(robot, q)

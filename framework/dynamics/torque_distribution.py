@@ -15,7 +15,6 @@ the one of least norm is taken: it is unique.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -151,12 +150,14 @@ def distribute_torques(
     allowed = (1.0 - ROOM) * limit
     least = None
     if least_peak:
-        least = motion.solve_least_peak(reference)
+        least = motion.solve_within(reference, least_peak=True)
         if least is None:
             return result
-        allowed = np.minimum(limit, (1.0 + PEAK_ROUNDING) * least.peak * reference)
-    internal = motion.solve_least_norm(allowed) or least or motion.solve_least_peak(limit)
-    return result if internal is None else motion.certify(motion.fit_torques(internal.x))
+        _, peak = least
+        allowed = np.minimum(limit, (1.0 + PEAK_ROUNDING) * peak * reference)
+    internal = motion.solve_within(allowed, least_peak=False) or least
+    internal = internal or motion.solve_within(limit, least_peak=True)
+    return result if internal is None else motion.certify(motion.fit_torques(internal[0]))
 
 
 def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -> float:
@@ -164,13 +165,6 @@ def _limit_ratio(result: InverseDynamics, torques: TimeFunction, limit: Array) -
     changed = replace(result, torques=torques)
     peaks = peak_sizes(changed.torque, torques.grid)
     return float((peaks / limit).max())
-
-
-class _InternalTorques(NamedTuple):
-    """Coefficients x (n r,) of internal torques, and the peak of torques over limits."""
-
-    x: Array
-    peak: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,30 +228,27 @@ class _SharedMotion:
         )
         return replace(result, torques=torques, certificate=certificate)
 
-    def solve_least_norm(self, limit: Array) -> _InternalTorques | None:
-        """Solve for the x of least norm within limits (n_a,) at all nodes; None if unsolved."""
-        count = self.rows[0].shape[1]
-        square = linear_rows(x=SparseRows.identity(count))
-        return self._solve_within(ConeProgram({"x": count}, square=square), limit, fixed=True)
-
-    def solve_least_peak(self, limit: Array) -> _InternalTorques | None:
-        """Solve for the x of least peak over limits (n_a,) at all nodes; None if unsolved."""
-        sizes = {"x": self.rows[0].shape[1], "peak": 1}
-        return self._solve_within(ConeProgram(sizes, {"peak": np.ones(1)}), limit, fixed=False)
-
-    def _solve_within(self, program: ConeProgram, limit: Array, *, fixed: bool) -> _InternalTorques | None:
-        """Solve a program of x and `peak` with |torque| <= peak limit at all nodes; None if unsolved.
+    def solve_within(self, limit: Array, *, least_peak: bool) -> tuple[Array, float] | None:
+        """Solve for x (n r,), of least norm or of least peak, with |torque| <= peak limit at all nodes.
 
         Rows where torques of least norm are large come first, and others where the solution exceeds limits.
 
         Args:
             limit: (n_a,) [N m]; motors with an infinite limit have no rows.
-            fixed: whether the peak is 1.
+            least_peak: whether the peak is minimised; otherwise it is 1.
+
+        Returns:
+            x and the peak, or None if unsolved.
         """
+        count = self.rows[0].shape[1]
+        if least_peak:
+            program = ConeProgram({"x": count, "peak": 1}, {"peak": np.ones(1)})
+        else:
+            program = ConeProgram({"x": count}, square=linear_rows(x=SparseRows.identity(count)))
         torques = self.least_norm + self.friction  # (T, n_a) over the reference
         allowed = np.tile(limit / self.reference, (len(torques), 1))  # (T, n_a)
         has_row = np.abs(torques) > FIRST_ROWS * allowed
-        if not fixed:
+        if least_peak:
             has_row |= np.isfinite(allowed)
         has_row[::2] = False
         for _ in range(MAX_ROUNDS):
@@ -268,27 +259,27 @@ class _SharedMotion:
                 for sign in (-1.0, 1.0):
                     parts = {"x": sign * self.rows[motor][chosen]}
                     offset = sign * torques[chosen, motor]
-                    if fixed:
-                        offset = offset + largest
-                    else:
+                    if least_peak:
                         parts["peak"] = SparseRows.of(largest[:, None])
+                    else:
+                        offset = offset + largest
                     bounds.append(AffineRows(parts, offset))
             optimum = solve_cone_program(replace(program, nonnegative=bounds))
             if isinstance(optimum, Unsolved):
                 return None
-            internal = _InternalTorques(optimum["x"], 1.0 if fixed else float(optimum["peak"][0]))
+            x, peak = optimum["x"], float(optimum["peak"][0]) if least_peak else 1.0
 
             # rows where a limit is exceeded at a node or beside it; lower limits by the excess beside it
-            sizes = np.abs(self._add_internal(internal.x) + self.friction)
-            beside = np.maximum(sizes, self._largest_beside(internal.x))
-            ratio = beside / (internal.peak * limit / self.reference)
+            sizes = np.abs(self._add_internal(x) + self.friction)
+            beside = np.maximum(sizes, self._largest_beside(x))
+            ratio = beside / (peak * limit / self.reference)
             is_exceeded = ratio > 1.0 + ROW_ROUNDING
             if not is_exceeded.any():
                 break
             between = is_exceeded & has_row & (beside > sizes)
             allowed[between] /= ratio[between]
             has_row |= is_exceeded
-        return internal
+        return x, peak
 
     def _largest_beside(self, x: Array) -> Array:
         """Compute the largest torques (T, n_a) over the reference beside each node, for coefficients x.

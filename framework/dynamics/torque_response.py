@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
-from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections, SplineFunction
+from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections
 from framework.dynamics.forces import force_changes
 from framework.dynamics.loaded_balance import (
     LoadedBalance,
@@ -45,23 +45,28 @@ MAX_CELLS_KEPT, RENEWED_CELLS = 240, 192
 
 
 class TorqueResponse(NamedTuple):
-    """Motor torques linearised about a motion in the coefficients y (n,) of the squared speed.
-
-    The argument of the functions is xi.
-    """
+    """Motor torques linearised about a motion in the coefficients y (n,) of the squared speed."""
 
     y: Array  # (n,) of the motion
     scalar_slopes: Array  # (k, n) derivatives of the law's scalars by y
     series_slopes: Array  # (size, n_e, n) of the deflections' coefficients by y, in units of the springs
     rest: Affine  # (r,) of y: rates and accelerations of springs at both ends, over their largest
-    torque: SplineFunction  # (n_a,) [N m] of the motion, motor side
-    slopes: SplineFunction  # (n_a n,) derivatives of the torque by y
-    speed: SplineFunction  # (n_a,) [rad] of the motors over d sigma/dt
+    splines: DeflectionSplines  # of xi
+    motor_series: Array  # (size, n_a (n + 2)) coefficients of the motors' torques, slopes by y and speeds
 
     @property
     def holds_rest(self) -> bool:
         """Whether springs carry inertia, and could move at the ends."""
         return len(self.rest.offset) > 0
+
+    def evaluate_motors(self, xi: Array) -> tuple[Array, Array, Array]:
+        """Compute torques (M, n_a) [N m], their slopes (M, n_a, n) by y, and speeds (M, n_a), at xi (M,).
+
+        Torques and speeds are those of the motion, motor side; speeds [rad] are over d sigma/dt.
+        """
+        n = len(self.y)
+        values = self.splines.evaluate(self.motor_series, xi).reshape(len(xi), -1, n + 2)
+        return values[..., 0], values[..., 1:-1], values[..., -1]
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
@@ -80,7 +85,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     rest = Affine(rest_slopes, linear.rest_of(state) - rest_slopes @ clock.law.coefficients)
     series_by_y, scalar_slopes = np.split(by_y, [state.series.size])
     series_by_y = series_by_y.reshape(*state.series.shape, -1)  # (size, n_e, n)
-    torque = torque_per_term @ terms[..., None]
+    torque = torque_per_term @ terms[..., None]  # (T, n_a, 1)
     # (T, n_a, n) by the changes of the deflections, their rates and their accelerations
     by_springs = _torque_slopes_by_springs(equations.branch.robot, state.balance)
     by_each_order = [
@@ -88,9 +93,10 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
         for slope, basis in zip(by_springs, state.bases, strict=True)
     ]
     slopes = torque_per_term @ terms_by_y + np.sum(by_each_order, axis=0)
-    # torque, slopes and speed, in the order of the fields
-    functions = [SplineFunction.fit(state.splines, values) for values in (torque, slopes, speed)]
-    return TorqueResponse(clock.law.coefficients, scalar_slopes, series_by_y, rest, *functions)
+    motors = np.concatenate([torque, slopes, speed[..., None]], axis=2)  # (T, n_a, n + 2)
+    motor_series = state.splines.fit(motors.reshape(len(motors), -1))
+    y = clock.law.coefficients
+    return TorqueResponse(y, scalar_slopes, series_by_y, rest, state.splines, motor_series)
 
 
 def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: Array) -> KnownDeflections:
@@ -126,7 +132,8 @@ def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
 def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tuple[Array, Array, Array]:
     """Compute coefficients of F and torques from values at four (z, u), at a state's configurations.
 
-    Four pairs determine the four coefficients of 1, z, u and z^(1/2), at the deflections of the state.
+    Four pairs determine the four coefficients of 1, z, u and z^(1/2), at the deflections of the state: the
+    values are `terms` (pairs, 4) times the coefficients.
 
     Returns:
         The coefficients (T, n_e, 4) of F and (T, n_a, 4) of torques [N m], motor side; motor speeds (T, n_a)
@@ -135,34 +142,22 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> tup
     robot = equations.branch.robot
     balance = state.balance
     closed = balance.motion.linearised
+    terms = np.array([[1.0, z, u, np.sqrt(z)] for z, u in ((0, 0), (1, 0), (4, 0), (0, 1))])
     loads = []
     motions = []
-    for z_and_u in ((0.0, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 1.0)):
-        prescribed = equations.prescribe_at(state, *z_and_u)
+    for _, z, u, _ in terms.tolist():
+        prescribed = equations.prescribe_at(state, z, u)
         _, load_at = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)
         loads.append(load_at)
         motions.append(motion_at(robot, closed, *prescribed.rates))  # with the rates of springs
-    load = _split_terms(loads)  # (T, nv, 4)
-    acceleration = _split_terms([motion.a[:, robot.actuated] for motion in motions])
+    to_coefficients = np.linalg.inv(terms)
+    load = np.einsum("kp,ptv->tvk", to_coefficients, loads)  # (T, nv, 4)
+    accelerations = [motion.a[:, robot.actuated] for motion in motions]
+    acceleration = np.einsum("kp,ptv->tvk", to_coefficients, accelerations)  # (T, n_a, 4)
     speed = motions[1].v[:, robot.actuated] * robot.gear_ratio  # at z = 1, where d sigma/dt = 1
     columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
     return F, _balance_motors(robot, balance, load, acceleration), speed
-
-
-def _split_terms(values: list[Array]) -> Array:
-    """Compute coefficients (T, k, 4) of values a + b z + c u + d z^(1/2).
-
-    The change from z = 0 is b + d at z = 1 and 4 b + 2 d at z = 4. Four times the first less the second is 2
-    d.
-
-    Args:
-        values: (T, k) at (z, u) = (0, 0), (1, 0), (4, 0) and (0, 1).
-    """
-    at_rest, at_z1, at_z4, at_u1 = values
-    per_root = 0.5 * (4.0 * (at_z1 - at_rest) - (at_z4 - at_rest))  # d
-    per_z = at_z1 - at_rest - per_root
-    return np.stack([at_rest, per_z, at_u1 - at_rest, per_root], axis=2)
 
 
 def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> list[Array]:
@@ -184,12 +179,13 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> l
     forces = force_changes(robot, balance.motion, multipliers, load_changes)  # (3, T, n_e, nv)
     forces[1:] *= robot.elastic_inertia  # False: no forces by rates and accelerations
     forces[0][:, range(robot.n_e), robot.elastic] += balance.stiffer * robot.stiffness
-    accelerations = changes.accelerations[..., robot.actuated]
-    slopes = []
-    for force, acceleration in zip(forces, accelerations, strict=True):  # value, rate, acceleration
-        slope = _balance_motors(robot, balance, force.swapaxes(1, 2), acceleration.swapaxes(1, 2))
-        slopes.append(slope * spring_units(robot))
-    return slopes
+    accelerations = changes.accelerations[..., robot.actuated]  # (3, T, n_e, n_a)
+    # the changes by value, rate and acceleration side by side: (T, nv, 3 n_e) and (T, n_a, 3 n_e)
+    forces, accelerations = (
+        np.concatenate(list(values.swapaxes(2, 3)), axis=2) for values in (forces, accelerations)
+    )
+    slopes = _balance_motors(robot, balance, forces, accelerations)  # (T, n_a, 3 n_e)
+    return [slope * spring_units(robot) for slope in np.split(slopes, 3, axis=2)]
 
 
 def _balance_motors(

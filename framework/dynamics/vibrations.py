@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.dynamics.stiffness import (
-    CompliantMotions,
     compliant_motions,
     moving_axes,
     natural_frequencies,
@@ -26,7 +25,7 @@ from framework.dynamics.stiffness import (
 from framework.errors import InvalidInput, real_numbers
 from framework.kinematics.line_springs import Lines
 from framework.kinematics.linearised_loops import assembled_at
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.fields import not_negative
 
@@ -72,7 +71,6 @@ def platform_vibrations(
         InvalidInput: q leaves loops open; the robot has no springs; a frequency or the loss is negative;
             a motor moves neither mass nor a spring.
     """
-    expect_robot(robot)
     linearised = assembled_at(robot, q, stacks=True)
     q = linearised.q
     locked = compliant_motions(robot, linearised, q)
@@ -95,19 +93,8 @@ def platform_vibrations(
     if robot.line_springs.names:
         damping = damping + Lines.of(robot, linearised.frames).damping
     damping = free.Z.swapaxes(1, 2) @ damping[..., columns[:, None], columns] @ free.Z  # (T, d, d)
-    response = _frequency_response(robot, free, damping, frequency, loss)
-    return Vibrations(robot, natural, resonances, stiffness, softest, frequency, response)
-
-
-def _frequency_response(
-    robot: ParallelRobot, free: CompliantMotions, damping: Array, frequency: Array, loss: float
-) -> Array:
-    """Compute the platform's motion (T, F, n, n_a) [m, rad per N m] by unit motor torques.
-
-    The motors' joints are the first rows of Z of the motions with `free` motors, damping (T, d, d) is along
-    these, frequency (F,) in Hz.
-    """
-    drive = free.Z[:, : robot.n_a].swapaxes(1, 2) * robot.gear_ratio  # n tau on the joint side, (T, d, n_a)
+    # unit torques on the joint side, n tau along the first rows of Z, those of the motors (T, d, n_a)
+    drive = free.Z[:, : robot.n_a].swapaxes(1, 2) * robot.gear_ratio
     w = 2 * np.pi * frequency[:, None, None]
     K, M, D = (matrix[:, None] for matrix in (free.K, free.M, damping))
     try:
@@ -117,5 +104,5 @@ def _frequency_response(
             f"{robot.name}, {robot.flexibility}: a motor moves neither mass nor a spring, so it has no "
             f"response; give its rotor an inertia"
         ) from None
-    response: Array = free.X[:, None] @ motion
-    return response
+    response = np.asarray(free.X[:, None] @ motion)  # (T, F, n, n_a)
+    return Vibrations(robot, natural, resonances, stiffness, softest, frequency, response)

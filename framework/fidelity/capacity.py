@@ -4,11 +4,11 @@ The load is a multiple m of the external wrenches of a request. Torques and cond
 linear in m and in the squared speed z of a law (`planning.optimal`). So the admissible pairs (m, z) form a
 convex set, and the multiples that admit a law of free shape form an interval. Bisection brackets the upper
 end of the interval between a multiple with a certified plan and a multiple that is refused or undecided. It
-begins where the lower bound on the peaks of all laws (`peak_bound`) reaches the limits, if there is one.
+begins beside the multiple at which the least peak of undeformed laws reaches the limits, if that is found.
 
 A refusal for lack of a law proves nothing, since the search may have missed one. So larger and larger
-multiples are tried until that bound exceeds the limits. For elastic robots and polynomials there is no such
-proof.
+multiples are tried until the lower bound on the peaks of all laws (`peak_bound`) exceeds the limits. For
+elastic robots and polynomials there is no such proof.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import LEAST_DIVISOR
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.path_series import sample_demand
 from framework.planning.optimal.peak_bound import bound_peak
+from framework.planning.optimal.undeformed_law import find_least_limits, problem_of
 from framework.planning.options import takes_options
 from framework.planning.plan import plan_request
 from framework.planning.refusals import SearchEvidence
@@ -88,7 +89,7 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
 
     Raises:
         InvalidInput: there are no wrenches, or no limits of torque or speed; see `plan_crossing`.
-        NoAnswer: there is no plan even without the wrenches.
+        NoAnswer: there is no plan even without the wrenches, nor under the first multiple tried.
     """
     return largest_load_of(robot, capacity_request(robot, path, **options))
 
@@ -99,7 +100,6 @@ def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Reques
     Raises:
         InvalidInput: see `Request.of`.
     """
-    expect_robot(robot)
     if all(options.get(key) is None for key in ("optimize", "duration", "longest")):
         options["optimize"] = "time"
     return Request.of(robot, path, **options)
@@ -121,11 +121,7 @@ def largest_load_of(
     numbers = count(1)
     searched = search_path(robot, request.path)
     task = _Multiples(robot, request, searched, lambda: progress(next(numbers)))
-    unloaded = task.plan_multiple(0.0)
-    if isinstance(unloaded, NoAnswer):
-        raise unloaded
-    bracket = _bracket_capacity(task, Capacity(multiple=0.0, plan=unloaded))
-    return _bound_capacity(task, bracket)
+    return _bound_capacity(task, _bracket_capacity(task))
 
 
 class _Multiples(NamedTuple):
@@ -149,89 +145,110 @@ class _Multiples(NamedTuple):
         wrenches = self.request.external_wrenches.times(multiple)
         return replace(self.request, wrenches=wrenches.document or None)
 
+    def _task(self, multiple: float) -> Task:
+        """Return the task of a law under a multiple; raise NoAnswer if no law crosses one of the points."""
+        request = self._request(multiple)
+        to_cross = path_to_cross(self.searched, request)
+        return Task(to_cross, request, specification_of(self.robot, request))
+
     def bound_peaks(self, multiple: float) -> float:
         """Compute a bound on the peaks of all laws over the limits under a multiple; 0 if none is known."""
-        request = self._request(multiple)
         try:
-            to_cross = path_to_cross(self.searched, request)
+            task = self._task(multiple)
         except NoAnswer:
             return 0.0
-        specification = specification_of(self.robot, request)
-        bound = bound_peak(Task(to_cross, request, specification), specification.torque_limit)
+        bound = bound_peak(task, task.specification.torque_limit)
         return 0.0 if bound is None else bound.value
 
-    def try_multiple(self, capacity: Capacity, multiple: float) -> Capacity:
-        """Plan under a multiple; return the capacity updated by the outcome."""
+    def find_least_peak(self, multiple: float) -> float:
+        """Find the least peak over the torque limits of undeformed laws under a multiple; 0 without one."""
+        try:
+            task = self._task(multiple)
+            problem = problem_of(task)._replace(sampled=sample_demand(task))
+            return find_least_limits(problem).torque_peak or 0.0
+        except NoAnswer:
+            return 0.0
+
+    def try_multiple(self, multiple: float, capacity: Capacity | None) -> Capacity:
+        """Plan under a multiple; return the capacity updated by the outcome.
+
+        Where nothing was planned before, a multiple without a plan is followed by the unloaded robot.
+
+        Raises:
+            NoAnswer: the unloaded robot has no plan either.
+        """
         answer = self.plan_multiple(multiple)
+        if not isinstance(answer, NoAnswer):
+            return replace(capacity or Capacity(multiple, answer), multiple=multiple, plan=answer)
+        if capacity is None:
+            unloaded = self.plan_multiple(0.0)
+            if isinstance(unloaded, NoAnswer):
+                raise unloaded
+            capacity = Capacity(0.0, unloaded)
         if isinstance(answer, NoLaw | LimitsExceeded):
             return replace(capacity, refused=multiple, refusal=answer)
-        if isinstance(answer, NoAnswer):
-            return replace(capacity, undecided=multiple, failure=answer)
-        return replace(capacity, multiple=multiple, plan=answer)
+        return replace(capacity, undecided=multiple, failure=answer)
 
 
-def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
+def _bracket_capacity(task: _Multiples) -> Capacity:
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
-    From 1 on, or from where a bound meets the limits, the multiple is doubled while it has plans. Then the
-    bracket from the largest multiple with a plan, `multiple`, to the least one without, `end`, is narrowed by
-    secants of the least peaks of refused multiples. Where they do not serve, it is bisected at geometric
-    means, or halved while no multiple has a plan. `capacity` is that of the multiple 0, with its plan.
+    The first multiple is just below the one at which the least peak of undeformed laws meets the limits, or 1
+    if these are not found. Then `_next_multiple` widens or narrows the bracket from the largest multiple with
+    a plan, `multiple`, to the least one without, `end`.
     """
     multiple = 1.0
-    peaks = list[tuple[float, float]]()  # refused multiples, with least peaks over the limits, 0 if unknown
-    bound = _bound_end(task)
-    if bound is not None:
-        end, slope = bound
-        peaks.append((2.0 * end, 1.0 + slope * end))  # where the bound refuses
-        multiple = 1.05 * end  # clearly refused: beside the end searches are long
+    peaks = [(0.0, 0.0)]  # multiples, with least peaks over the limits, 0 if unknown
+    for _ in range(5):  # the least peak is nearly linear in the multiple: two or three secants suffice
+        peaks.append((multiple, task.find_least_peak(multiple)))
+        limit = _limit_of(peaks)
+        multiple = 1.0 if limit is None else limit * (1.0 - 0.45 * BRACKET_RATIO)
+        if limit is None or abs(peaks[-1][1] - 1.0 + LIMIT_MARGIN) < LIMIT_MARGIN:
+            break
+    capacity = None
     while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:
-        capacity = task.try_multiple(capacity, multiple)
+        capacity = task.try_multiple(multiple, capacity)
         evidence = None if capacity.refusal is None else capacity.refusal.evidence
         if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
             peaks.append((multiple, evidence.least.torque_peak or 0.0))
-        if capacity.end == np.inf:  # all multiples so far have plans
-            multiple = 2.0 * capacity.multiple
-        elif (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end:
-            multiple = _narrow_bracket(capacity, peaks)
-        else:
+        if (1.0 + BRACKET_RATIO) * capacity.multiple >= capacity.end:
             break
+        multiple = _next_multiple(capacity, peaks)
+    assert capacity is not None  # the first multiple is within the range
     return capacity
 
 
-def _bound_end(task: _Multiples) -> tuple[float, float] | None:
-    """Find the multiple at which a bound on the peaks of all laws meets the limits, and the bound's slope.
+def _next_multiple(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
+    """Choose a multiple between the largest with a plan and the least without, if there is one.
 
-    The bound is nearly linear in the multiple, so that two or three secants suffice. None without a bound.
+    A multiple just below the limit by the last peaks is tried, and after it one just above. Where they do not
+    serve, the multiple is doubled while it has plans, halved while none has one, or else the geometric mean.
     """
-    last, last_peak, multiple = 0.0, 0.0, 1.0  # unloaded, a slow motion may take no torque
-    for _ in range(5):
-        peak = task.bound_peaks(multiple)
-        slope = (peak - last_peak) / (multiple - last)
-        if abs(peak - 1.0) < LIMIT_MARGIN:
-            return multiple, slope
-        last, last_peak, multiple = multiple, peak, multiple + (1.0 - peak) / max(slope, LEAST_DIVISOR)
-        if not 0.0 < multiple < MAX_MULTIPLE:  # also without a bound
-            break
-    return None
-
-
-def _narrow_bracket(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
-    """Choose a multiple between the largest with a plan and the least without.
-
-    The least peak is convex in the multiple, so its secant through two refused multiples meets the limit at
-    or above the capacity. A multiple just below that point is tried, and after it one just above.
-    """
-    middle = float(np.sqrt(capacity.multiple * capacity.end)) or 0.5 * capacity.end
-    if len(peaks) < 2 or not 0.0 < peaks[-1][1] < peaks[-2][1]:
-        return middle
-    (m_2, p_2), (m_1, p_1) = peaks[-2:]
-    limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) * (m_2 - m_1) / (p_2 - p_1)
-    if abs(limit - capacity.multiple) < BRACKET_RATIO * capacity.multiple:  # planned just below it
-        trial = capacity.multiple * (1.0 + 0.9 * BRACKET_RATIO)  # which ends the search if it is refused
-    else:
+    limit = _limit_of(peaks)
+    if limit is not None:
         trial = limit * (1.0 - 0.45 * BRACKET_RATIO)
-    return trial if capacity.multiple < trial < capacity.end else middle
+        if abs(limit - capacity.multiple) < BRACKET_RATIO * capacity.multiple:  # planned just below it
+            trial = capacity.multiple * (1.0 + 0.9 * BRACKET_RATIO)  # which ends the search if it is refused
+        if capacity.multiple < trial < capacity.end:
+            return trial
+    if capacity.end == np.inf:
+        return 2.0 * capacity.multiple
+    return float(np.sqrt(capacity.multiple * capacity.end)) or 0.5 * capacity.end
+
+
+def _limit_of(peaks: Sequence[tuple[float, float]]) -> float | None:
+    """Find the multiple at which the secant of the last two peaks meets the limit; None if they do not rise.
+
+    The least peak is convex in the multiple, so that of two refused ones lies at or above the capacity.
+    """
+    if len(peaks) < 2:
+        return None
+    (m_2, p_2), (m_1, p_1) = peaks[-2:]
+    slope = (p_2 - p_1) / (m_2 - m_1) if m_1 != m_2 else 0.0
+    if p_1 == 0.0 or slope <= 0.0:
+        return None
+    limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) / slope
+    return limit if 0.0 < limit < MAX_MULTIPLE else None
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:

@@ -34,7 +34,7 @@ from framework.fidelity.predicted_level import (
     request_without_geometry,
     robot_at_level,
 )
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import is_number
 from framework.laws.path import Path
 from framework.model.description import LEVELS, LEVELS_BY_NAME, Level
@@ -235,7 +235,6 @@ def fidelity_study(
         InvalidInput: an option is invalid, or the robot cannot be simulated.
         NoAnswer: neither the highest nor the rigid level has a plan, so that there is no motion.
     """
-    expect_robot(robot)
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
     started = time.perf_counter()

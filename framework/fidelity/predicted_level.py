@@ -38,6 +38,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES, LEVELS, LEVELS_BY_NAME, Level, RobotDescription
 from framework.model.urdf_edits import with_bodies
+from framework.numerics.fields import positive
 from framework.planning.neglected_effects import ModelOnMotion
 from framework.planning.plan import plan_request
 from framework.planning.request import SMOOTHNESS, Request, largest_by_unit, path_length
@@ -110,6 +111,7 @@ def predict_level(
     Raises:
         InvalidInput: an option is invalid.
     """
+    positive("tolerance", tolerance)
     indicators = predict_errors(description, path, **options)
     level = indicators.choose_level(tolerance)
     error = None if level == LEVELS[-1].name else indicators.error[level]

@@ -43,7 +43,7 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at, motor_speeds
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes, link_of
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.documents import remove_children
@@ -200,7 +200,6 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
         InvalidInput: the robot has springs, or its platform does not determine its joints.
         NotConverged: the sets of instants have different ranks.
     """
-    expect_robot(robot)
     return _base_parameters(robot, massless)
 
 

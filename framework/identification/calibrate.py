@@ -44,7 +44,7 @@ from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
@@ -188,7 +188,6 @@ def calibrate(
         NotAssembled: the loops do not close at some motor angles.
         NotConverged: the steps do not converge, or converge far outside the errors assumed of the file.
     """
-    expect_robot(robot)
     started = clock.perf_counter()
     for name in noise or {}:
         check_choice("kind of noise", name, NOISE)

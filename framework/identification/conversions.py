@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.errors import InvalidInput, NoAnswer, check_choice
+from framework.errors import InvalidInput, NoAnswer, check_choice, expect
 from framework.identification.recording import LINEAR_AXES, Recording, check_recording, read_recording
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
@@ -50,6 +50,11 @@ class Conversions:
     zeros: Mapping[str, float] = field(default_factory=dict)  # readings of columns whose value is zero
     headers: Mapping[str, str] = field(default_factory=dict)  # words of a file in place of columns' names
     unwrapped: Sequence[str] = ()  # columns of angles that jump by whole turns, which are counted on
+
+    def __post_init__(self) -> None:
+        """Check that each field but the last is a mapping."""
+        for name, given in [*vars(self).items()][:-1]:
+            expect(name, given, Mapping, '{"motor_angle": ...}')
 
     def convert(self, data: Recording) -> Recording:
         """Return the recording in SI units, with its columns exchanged and turned.

@@ -48,7 +48,7 @@ from framework.kinematics.linearised_loops import (
     type1_matrix,
 )
 from framework.kinematics.motion_rates import motion_at
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ReadOnlyArrays, join
@@ -187,7 +187,6 @@ def excite(
         InvalidInput: an unknown name, or a limit out of range.
         NoAnswer: no motion near the reference keeps the limits.
     """
-    expect_robot(robot)
     check_duration(duration)
     positive("acceleration", acceleration)
     positive("clearance_share", clearance_share)

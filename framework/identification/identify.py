@@ -43,7 +43,7 @@ from framework.identification.possible_bodies import fit_possible_parameters
 from framework.identification.recording import HELD_OUT_EVERY, Recording
 from framework.identification.torque_rows import TorqueRows, torque_rows
 from framework.identification.unknowns import PAYLOAD, Unknowns, choose_unknowns, is_narrowed, rests_on_data
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, Names, ReadOnlyArrays
@@ -274,7 +274,6 @@ def identify(
         NotAssembled: the loops do not close along the recorded motion.
         NotConverged: no physically possible parameters were found.
     """
-    expect_robot(robot)
     started = clock.perf_counter()
     positive("prior", prior)
     errors = {**SENSOR_ERRORS, **(sensor_errors or {})}

@@ -124,7 +124,9 @@ def measured_motion(
     if not trial:
         robot = begin_at_first_row(robot, data, start or {})
     instants = np.arange(len(times)) if instants is None else instants
-    joints = smooth(times, _read_motor_joints(robot, data), cutoff, times[instants])
+    recorded = _read_motor_joints(robot, data)
+    _refuse_jumps(robot, data, recorded)
+    joints = smooth(times, recorded, cutoff, times[instants])
 
     # close the loops, from the motors if possible, else from the platform
     source = "motors"
@@ -251,6 +253,24 @@ def _read_motor_joints(robot: ParallelRobot, data: Recording) -> Array:
     joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
+
+
+def _refuse_jumps(robot: ParallelRobot, data: Recording, joints: Array) -> None:
+    """Raise InvalidInput for a hinge that turns by half a turn or more between samples of the usual distance.
+
+    No continuation could tell which way the motors, whose joints are (T, n_a), have gone in between.
+    """
+    longest = 1.5  # step of time, over the median step; longer ones are gaps
+    steps = np.diff(data.column("time"))  # (T - 1,)
+    jumps = (np.abs(np.diff(joints, axis=0)) >= np.pi) & ~robot.sliding[robot.actuated]
+    jumps &= (steps <= longest * np.median(steps))[:, None]
+    for k, motor in np.argwhere(jumps)[:1].tolist():
+        turn = float(joints[k + 1, motor] - joints[k, motor])
+        raise InvalidInput(
+            f"{data.source}: motor_angle_{robot.actuator_names[motor]} turns its joint by {turn:.3g} rad up "
+            f"to {data.row(k + 1)}, half a turn or more from one sample to the next; declare its unit "
+            f"(--unit) or that it begins anew after a turn (--unwrap), or record at a higher rate"
+        )
 
 
 def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str, float]) -> ParallelRobot:

@@ -19,7 +19,7 @@ from framework.identification.least_squares import Estimate
 from framework.identification.unknowns import Unknowns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, least_norm_semidefinite
+from framework.numerics.cone_program import Affine, Unsolved, least_norm_semidefinite
 from framework.tolerances import RANK_ROUNDING
 
 
@@ -61,7 +61,7 @@ def fit_possible_parameters(
     return values, spread
 
 
-def _inertia_cone(file_values: Array, spread: Array, best: Array) -> LinearMatrix:
+def _inertia_cone(file_values: Array, spread: Array, best: Array) -> Affine:
     """Return the scaled pseudo-inertia D P D of a link, affine in y (w,).
 
     P belongs to the link's parameters best + spread y, with `best` (10,) and `spread` (10, w). The diagonal D
@@ -74,4 +74,4 @@ def _inertia_cone(file_values: Array, spread: Array, best: Array) -> LinearMatri
     D = np.diag(1.0 / np.sqrt([largest, largest, largest, mass]))
     slopes = np.moveaxis(D @ pseudo_inertia(spread.T) @ D, 0, 2)  # (4, 4, w)
     offset = D @ pseudo_inertia(best) @ D
-    return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
+    return Affine(slopes, offset + RANK_ROUNDING * np.eye(4))

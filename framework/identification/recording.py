@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.argument_errors import explain_errors
 from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, list_names, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
@@ -97,6 +98,7 @@ class Recording(ReadOnlyArrays):
         left_out = self.left_out + int(np.count_nonzero(lacks))
         return replace(self.rows(np.flatnonzero(~lacks)), left_out=left_out)
 
+    @explain_errors
     def rows(self, index: slice | IntArray) -> Recording:
         """Return the recording of the samples at an index or a slice."""
         lines = tuple(np.array(self.lines)[index].tolist()) if self.lines else ()

@@ -79,8 +79,8 @@ def close_reference(mechanism: Mechanism) -> Closing:
         raise _not_assembled_error(
             mechanism,
             f"the loops do not close near the reference: {rows.names[row]} stays {residual:.3g} {unit} apart "
-            f"after {closing.iterations} iterations; check the link lengths and give a reference nearer to "
-            f"an assembled configuration",
+            f"after {closing.iterations} steps of Newton; check the link lengths and give a reference nearer "
+            f"to an assembled configuration",
             closing._replace(residual=residual),
         )
     closure = find_flipped_closure(mechanism, frames_at(mechanism, closing.q[None]))

@@ -29,9 +29,9 @@ from framework.kinematics.closures import LoopWrenches, loop_wrenches, scale_jac
 from framework.kinematics.frames import FrameStack, frames_at, full_motion, move_wrench
 from framework.kinematics.loop_ranges import align_bases, oriented_bases
 from framework.kinematics.loop_structure import rounded_gap
-from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
+from framework.kinematics.parallel_robot import Equations, ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, select
-from framework.numerics.banded_lu import Factors
+from framework.numerics.banded_lu import Band, Factors
 from framework.numerics.ordered_sums import are_regular, matvec, singular_values
 from framework.tolerances import FILE_ROUNDING, LOOP_RATE, RANK_LOST
 
@@ -134,7 +134,7 @@ class LinearisedLoops:
         """LU factors of P (T, m, m), the loops along the passive joints; see `_factor`."""
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
-    def _factor(self, part: SquarePart | None, subject: str) -> Factors:
+    def _factor(self, part: Band | None, subject: str) -> Factors:
         """Factor a part (T, k, k) of dF/dq.
 
         Raises:
@@ -144,7 +144,7 @@ class LinearisedLoops:
             raise np.linalg.LinAlgError(f"{subject} do not make a square system")
         count, rows, columns = self.jacobian.shape
         values = self.jacobian.reshape(count, rows * columns).take(part.entries, axis=1)  # (T, E) row-major
-        return part.band.factor(values)
+        return part.factor(values)
 
 
 def linearised_at(
@@ -225,7 +225,6 @@ def assembled_at(
     Raises:
         InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
-    expect_robot(robot)
     q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller may change its array
     linearised = linearised_at(robot, q)
     gaps = np.abs(linearised.solved_residual)  # (T, rows), or (T, m) of dimensionless combinations

@@ -17,6 +17,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from framework.argument_errors import explain_errors
 from framework.errors import InvalidInput, RobotFileError
 from framework.kinematics.tree_model import (
     Coordinates,
@@ -84,6 +85,7 @@ class Mechanism(ReadOnlyArrays):
     length: float  # [m] size of the mechanism, by which lengths become dimensionless
 
     @classmethod
+    @explain_errors
     def from_file(
         cls,
         file: str | Path,
@@ -132,6 +134,7 @@ class Mechanism(ReadOnlyArrays):
         return cls.assemble_or_advise(_build_mechanism(parsed, flexibility))
 
     @classmethod
+    @explain_errors
     def from_description(cls, description: RobotDescription, *, flexibility: str = "rigid") -> Self:
         """Build an object of this class from a description, with the springs of one flexibility.
 
@@ -146,6 +149,7 @@ class Mechanism(ReadOnlyArrays):
         return cls.of(_build_mechanism(ParsedRobot(description, tree), flexibility))
 
     @classmethod
+    @explain_errors
     def from_pinocchio(
         cls,
         model: pin.Model,

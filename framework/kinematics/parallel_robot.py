@@ -290,8 +290,8 @@ class Equations(ReadOnlyArrays):
     signs: Array  # (n + R, nv) 1 if the joint carries only the second frame, -1 if only the first, else 0
     pattern: BoolArray  # (n + m, nv) whether an entry of dF/dq can differ from zero
     columns: IntArray  # of the joints that x and q_e determine: actuated, then passive
-    moving_part: SquarePart | None  # all rows, `columns`; None if the part is not square
-    passive_part: SquarePart | None  # rows of the loops, passive `columns`; None if not square
+    moving_part: Band | None  # all rows, `columns`; None if the part is not square
+    passive_part: Band | None  # rows of the loops, passive `columns`; None if not square
     spanning: LoopRows  # the R rows whose combinations are solved; `loops` if R = m
     span_scale: Array  # (R,) divisors that make these rows dimensionless and of unit size
 
@@ -329,8 +329,8 @@ class Equations(ReadOnlyArrays):
             signs=signs,
             pattern=pattern,
             columns=columns,
-            moving_part=SquarePart.of(pattern, equations, columns),
-            passive_part=SquarePart.of(pattern, equations[n:], columns[n_a:]),
+            moving_part=Band.of(pattern, equations, columns),
+            passive_part=Band.of(pattern, equations[n:], columns[n_a:]),
             spanning=rows,
             span_scale=mechanism.unit_lengths(rows.rotation) * structure.span_sizes,
         )
@@ -344,23 +344,3 @@ class Equations(ReadOnlyArrays):
         if self.spanning.has_couplings:
             jacobian[:, self.n :] += coupling_jacobian(self.spanning, frames.q, jacobian.shape[2])
         return jacobian
-
-
-@dataclass(frozen=True, eq=False)
-class SquarePart(ReadOnlyArrays):
-    """A square part (k, k) of sparse matrices, with E entries that can differ from zero."""
-
-    entries: IntArray  # (E,) indices of these entries into the flattened whole matrix
-    band: Band  # order of the entries in a band matrix
-
-    @staticmethod
-    def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the part of a pattern in `rows` and `columns`; None if not square or empty.
-
-        `pattern` (r, c) says which entries of the whole matrix can differ from zero.
-        """
-        if len(rows) != len(columns) or not len(rows):
-            return None
-        i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, indices into the square part
-        entries = rows[i] * pattern.shape[1] + columns[j]  # the same entries of the whole matrix, row-major
-        return SquarePart(entries, Band.of(i, j, len(rows)))

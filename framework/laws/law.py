@@ -323,6 +323,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
             high: given coefficients of the degrees that the conditions leave open.
             ends: derivatives at ends in motion.
         """
+        if smoothness not in range(31):
+            raise InvalidInput(f"smoothness: needs a whole number, 0 to 30, got {smoothness!r}")
         at_ends = conditions_at_instants((0.0, duration), ends.conditions(smoothness))
         return Law.from_conditions([*at_ends, *inner], duration, high)
 

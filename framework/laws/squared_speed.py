@@ -192,8 +192,6 @@ def slowness_on_panels(
     z_series: Array,
     stretch: Stretch,
     edges: Array | None = None,
-    *,
-    max_panels: int = 1024,
 ) -> TimeFunction:
     """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
@@ -211,6 +209,7 @@ def slowness_on_panels(
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
     """
+    max_panels = 1024
     z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()  # error of z [1/s^2]
     if edges is None:
         edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
@@ -257,14 +256,6 @@ class Instants(NamedTuple):
         return Instants(pairs[:, 0], pairs[:, 1])
 
 
-class LinearInstants(NamedTuple):
-    """The instants of a squared speed, their derivatives, and the panels of the integrals."""
-
-    times: Array  # (m,) [s]
-    slopes: Array  # (m, size) by the coefficients
-    edges: Array  # (p + 1,) of the panels in sigma
-
-
 NO_INSTANTS = Instants.of((), (), None)
 AT_END = np.ones(1)  # sigma of the instant that is the duration
 
@@ -277,7 +268,7 @@ class SpeedSpace(NamedTuple):
 
     def duration(self, y: Array) -> float:
         """Compute the duration [s] of a positive z with coefficients y (size,)."""
-        return float(self._linearise_instants(y, AT_END).times[0])
+        return float(self._linearise_instants(y, AT_END)[0][0])
 
     def adjust(
         self,
@@ -286,7 +277,6 @@ class SpeedSpace(NamedTuple):
         instants: Instants = NO_INSTANTS,
         *,
         relative: bool = False,
-        max_steps: int = 12,  # of Newton's method, which starts near the solution
     ) -> Array:
         """Compute the coefficients (size,) near y that meet equalities and required instants.
 
@@ -303,6 +293,7 @@ class SpeedSpace(NamedTuple):
         Raises:
             InvalidInput: a Newton step on the instants leads to a z that is not positive.
         """
+        max_steps = 12  # of Newton's method, which starts near the solution
         inverse_weights = self._inverse_weights(y, relative)
         matrix = SparseRows.of(equalities.matrix).toarray()
         edges = None  # of the panels of the last step
@@ -311,10 +302,9 @@ class SpeedSpace(NamedTuple):
             slopes = matrix
             values = equalities(y)
             if len(instants.times):
-                linear = self._linearise_instants(y, instants.sigma, edges)
-                edges = linear.edges
-                slopes = np.vstack([slopes, linear.slopes])
-                values = np.append(values, linear.times - instants.times)
+                times, time_slopes, edges = self._linearise_instants(y, instants.sigma, edges)
+                slopes = np.vstack([slopes, time_slopes])
+                values = np.append(values, times - instants.times)
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
@@ -327,19 +317,7 @@ class SpeedSpace(NamedTuple):
                 break
         return y
 
-    def _inverse_weights(
-        self,
-        y: Array,
-        relative: bool,
-        *,
-        free_degree: float = 8.0,  # Chebyshev coefficients up to this degree change at little cost
-        # the cost of changing a Chebyshev coefficient grows with this power of its degree
-        degree_weight_power: float = 4.0,
-        # of a spline coefficient over the mean coefficient; smaller ones may change as if they were as large
-        min_relative_size: float = 1e-3,
-        width: float = 0.2,  # in xi, within which coefficients of splines change together
-        independence: float = 1e-4,  # variance of changes of single coefficients over that of these
-    ) -> Array:
+    def _inverse_weights(self, y: Array, relative: bool) -> Array:
         """Return W^-1 (n, n), where step' W step is the cost of changing the coefficients y (n,) by a step.
 
         Splines have W^-1 = diag(y) K diag(y), so that coefficients change in proportion to their size, and
@@ -350,22 +328,28 @@ class SpeedSpace(NamedTuple):
         """
         n = len(y)
         if self.basis.is_spline:
+            # of a coefficient over the mean; smaller ones may change as if they were as large
+            min_relative_size = 1e-3
+            width = 0.2  # in xi, within which coefficients change together
+            independence = 1e-4  # variance of changes of single coefficients over that of these
             size = np.maximum(np.abs(y), min_relative_size * np.abs(y).mean())  # (n,)
             distance = (self.basis.centres[:, None] - self.basis.centres) / width
             K = np.exp(-(distance**2)) + independence * np.eye(n)
             return size[:, None] * K * size
+        free_degree = 8.0  # Chebyshev coefficients up to this degree change at little cost
+        degree_weight_power = 4.0  # by which the cost of a change grows with the degree
         degree = np.arange(n)
         if not relative:
             return np.diag((1.0 + degree) ** -degree_weight_power)
-        values = chebyshev.chebvander(
-            nodes(4 * n), n - 1
-        )  # (4 n, n) T_k at four samples for each coefficient
+        values = chebyshev.chebvander(nodes(4 * n), n - 1)  # (4 n, n) T_k, four samples for each coefficient
         z = values @ y
         change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
         degree_cost = np.diag((degree / free_degree) ** degree_weight_power)
         return np.linalg.inv(change_cost + degree_cost)
 
-    def _linearise_instants(self, y: Array, at: Array, edges: Array | None = None) -> LinearInstants:
+    def _linearise_instants(
+        self, y: Array, at: Array, edges: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """Compute the instants t (m,) [s] of a positive z with coefficients y (size,), and dt/dy (m, size).
 
         dt/dy is -1/2 times the integral of z^(-3/2) dz/dy. The P Gauss-Legendre points of both integrals are
@@ -374,6 +358,9 @@ class SpeedSpace(NamedTuple):
         Args:
             at: sigma (m,), ascending, at which the integrals end.
             edges: (p + 1,) in sigma of the panels that resolve a similar z.
+
+        Returns:
+            t (m,) [s]; dt/dy (m, size); the edges (p + 1,) of the panels that resolve this z.
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch, edges).edges
         points, weights = gauss_legendre(PANEL_NODES)
@@ -384,4 +371,4 @@ class SpeedSpace(NamedTuple):
         sigma_weights = (half_widths * weights).ravel() * (sigma <= at[:, None])  # (m, P)
         z = basis_values @ y
         slopes = [-0.5 * ((before * z**-1.5) @ basis_values) for before in sigma_weights]
-        return LinearInstants(sigma_weights @ z**-0.5, np.array(slopes), edges)
+        return sigma_weights @ z**-0.5, np.array(slopes), edges

@@ -102,11 +102,6 @@ def closure_entry(words: Sequence[Any]) -> dict[str, Any]:
 _read_axes = distinct("axis", AXES)  # one axis or several different ones
 
 
-def _read_motion(where: str, given: Any) -> tuple[str, ...]:
-    """Read the elastic axes of a spring; none for the motion of its joint."""
-    return () if given == "own" else _read_axes(where, given)
-
-
 def _read_limit(where: str, given: Any) -> float | None:
     """Read a motor's limit; null or infinity means no limit."""
     return None if given is None or given == math.inf else positive(where, given)
@@ -327,7 +322,7 @@ class RobotReader:
             "name": required(text),
             "part": required(one_of("part", ("joint", "link"))),
             "after": required(one_of("joint", self.tree.joints)),
-            "motion": optional(_read_motion, ()),
+            "motion": optional(lambda where, given: () if given == "own" else _read_axes(where, given), ()),
             "stiffness": required(one_or_list_of(positive)),
         }
         spring = Spring(**read_table(where, given, virtual))

@@ -228,7 +228,12 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
     if bodies == "all":
         return description
     tree = read_tree(fromstring(description.urdf_text))
-    with_mass = _payload_links(description, tree) if bodies == "payload" else []
+    platform = description.platform.frame
+    with_mass = []
+    if bodies == "payload" and platform in tree.links and read_inertial(tree.links[platform])[0] > 0.0:
+        with_mass = [platform]
+    elif bodies == "payload":
+        with_mass = [name for name in tree.links if tree.body(name) == tree.body(platform)]
     for name, link in tree.links.items():
         if name not in with_mass:
             remove_children(link, "inertial")
@@ -237,15 +242,6 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
         urdf_text=urdf_text(tree),
         joints=description.joints if with_mass else {},
     )
-
-
-def _payload_links(description: RobotDescription, tree: Tree) -> list[str]:
-    """Return the names of the links that carry the payload's inertia."""
-    platform = description.platform.frame
-    if platform in tree.links and read_inertial(tree.links[platform])[0] > 0.0:
-        return [platform]
-    body = tree.body(platform)
-    return [name for name in tree.links if tree.body(name) == body]
 
 
 # ------------------------------------------------------------------ springs

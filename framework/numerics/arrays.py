@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import is_dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -48,9 +49,15 @@ def mirror_upper(matrices: Array) -> Array:
 
     Pinocchio fills the upper triangles of mass matrices only.
     """
-    row, column = np.tril_indices(matrices.shape[-1], -1)
+    row, column = _lower_triangle(matrices.shape[-1])
     matrices[:, row, column] = matrices[:, column, row]
     return matrices
+
+
+@cache
+def _lower_triangle(size: int) -> tuple[IntArray, IntArray]:
+    """Return the indices of all entries below the diagonal, which take longer to find than to copy."""
+    return np.tril_indices(size, -1)
 
 
 def read_only(array: _Any) -> _Any:

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 
 MAX_DENSE = 8  # largest number of unknowns that numpy solves as fast as LAPACK does in a band
 
@@ -53,8 +53,9 @@ class DenseFactors:
 
 @dataclass(frozen=True, eq=False)
 class Band(ReadOnlyArrays):
-    """The positions in a band of the E entries of matrices (k, k) of one sparsity pattern."""
+    """A square part (k, k) of sparse matrices, and the positions of its E entries in a band."""
 
+    entries: IntArray  # (E,) indices of the entries that can differ from zero, in the flattened whole matrix
     size: int  # k
     row: IntArray  # (E,) of each entry in the matrix
     column: IntArray  # (E,)
@@ -67,8 +68,16 @@ class Band(ReadOnlyArrays):
     index: IntArray  # (E,) of each entry in the memory of one instant, k columns of the band
 
     @staticmethod
-    def of(row: IntArray, column: IntArray, size: int) -> Band:
-        """Make the band of matrices (size, size) with entries at (row, column), (E,) each."""
+    def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> Band | None:
+        """Make the band of the part in `rows` and `columns` (k,) each; None if not square or empty.
+
+        `pattern` (r, c) says which entries of the whole matrix can differ from zero.
+        """
+        size = len(rows)
+        if size != len(columns) or not size:
+            return None
+        row, column = np.nonzero(pattern[rows][:, columns])  # (E,) each, indices into the part
+        entries = rows[row] * pattern.shape[1] + columns[column]  # row-major
         # rows, numbered 0 .. size - 1, and columns, numbered size .. 2 size - 1, in the order of the band
         order = np.arange(2 * size) if size <= MAX_DENSE else _order_by_bandwidth(row, column, size)
         row_order = order[order < size]
@@ -84,7 +93,17 @@ class Band(ReadOnlyArrays):
         # 2 lower + upper + 1 rows, column by column. The first `lower` rows are space for pivoting.
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(
-            size, row, column, lower, upper, row_order, column_order, row_position, column_position, index
+            entries=entries,
+            size=size,
+            row=row,
+            column=column,
+            lower=lower,
+            upper=upper,
+            row_order=row_order,
+            column_order=column_order,
+            row_position=row_position,
+            column_position=column_position,
+            index=index,
         )
 
     @property

@@ -28,10 +28,10 @@ SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first an
 
 
 class Affine(NamedTuple):
-    """The affine function matrix @ y + offset (k,) of y (n,)."""
+    """The affine function matrix @ y + offset (k,) of y (n,), or a matrix (k, k) that is affine in y."""
 
-    matrix: Any  # (k, n), `SparseRows` or an array
-    offset: Array  # (k,)
+    matrix: Any  # (k, n), `SparseRows` or an array; (k, k, n)
+    offset: Array  # (k,); (k, k)
 
     def __call__(self, y: Array) -> Array:
         """Return the values (k,) at y (n,)."""
@@ -192,15 +192,8 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
     return Affine(SparseRows.sort_entries(row, column, values, shape), np.concatenate(offsets))
 
 
-class LinearMatrix(NamedTuple):
-    """The symmetric matrix (k, k) that is affine in y (n,): offset plus the sum of slopes[..., i] y_i."""
-
-    slopes: Array  # (k, k, n)
-    offset: Array  # (k, k)
-
-
-def least_norm_semidefinite(matrices: Sequence[LinearMatrix], not_negative: Affine) -> Array | Unsolved:
-    """Compute the y (n,) of least norm at which `matrices` (k, k) are positive semidefinite.
+def least_norm_semidefinite(matrices: Sequence[Affine], not_negative: Affine) -> Array | Unsolved:
+    """Compute the y (n,) of least norm at which symmetric `matrices` (k, k) are positive semidefinite.
 
     The values of `not_negative` must not be negative at y, either. If the solver finds no such y, its status
     is returned.
@@ -212,7 +205,7 @@ def least_norm_semidefinite(matrices: Sequence[LinearMatrix], not_negative: Affi
     slack = [not_negative, *map(_upper_triangle, matrices)]
     # solve for y / scale, so that the largest slope of every matrix is at least 1: the solver would stop too
     # early with small slopes
-    largest_slopes = [float(np.abs(matrix.slopes).max(initial=0.0)) or 1.0 for matrix in matrices]
+    largest_slopes = [float(np.abs(part.matrix).max(initial=0.0)) or 1.0 for part in matrices]
     scale = 1.0 / min(largest_slopes, default=1.0)
     slopes = scale * np.concatenate([part.matrix for part in slack])
     n = slopes.shape[1]
@@ -232,16 +225,16 @@ def least_norm_semidefinite(matrices: Sequence[LinearMatrix], not_negative: Affi
     return scale * np.array(solution.x[:-1]) if status in SOLVED else Unsolved(status)
 
 
-def _upper_triangle(matrix: LinearMatrix) -> Affine:
+def _upper_triangle(symmetric: Affine) -> Affine:
     """Return the upper triangle of a symmetric matrix by columns, in Clarabel's form.
 
     Entries off the diagonal are multiplied by sqrt(2), so that the vector has the norm of the matrix.
     """
     # the upper triangle by columns is the lower triangle by rows, transposed
-    column, row = np.tril_indices(len(matrix.offset))
+    column, row = np.tril_indices(len(symmetric.offset))
     weight = np.where(row == column, 1.0, np.sqrt(2.0))
-    slopes = matrix.slopes[row, column]  # (entries, n)
-    return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
+    slopes = symmetric.matrix[row, column]  # (entries, n)
+    return Affine(weight[:, None] * slopes, weight * symmetric.offset[row, column])
 
 
 def _cone_settings(

@@ -22,7 +22,7 @@ from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.motor_friction import PlannedFriction, motor_friction
 from framework.dynamics.motor_limits import shortest_form
 from framework.dynamics.result import Certificate, InverseDynamics
-from framework.errors import InvalidInput, expect, finite_numbers
+from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -95,9 +95,6 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     Raises:
         InvalidInput: the plans are of different robots, or do not meet.
     """
-    expect("plans", plans, Sequence, "[plan, next_plan]")
-    for plan in plans:
-        expect("plans", plan, CrossingPlan, "plan_crossing(robot, path)")
     if len(plans) < 2:
         raise InvalidInput(f"plans: a chain needs at least two, got {len(plans)}")
     leaves = [*(times if len(times) else [plan.duration for plan in plans[:-1]]), plans[-1].duration]
@@ -273,7 +270,10 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
     by_s = [path(0.0, k) / scale for k in range(len(motion))]
     x, *rates = (value / scale for value in motion)
     if np.abs(by_s[0] - x).max() > SEAM_JUMP:
-        raise InvalidInput(f"path: starts at {path(0.0).tolist()}, the platform is at {motion[0].tolist()}")
+        raise InvalidInput(
+            f"path: starts at {path(0.0).tolist()}, the platform is at {motion[0].tolist()}; let it start at "
+            f"plan.platform(t), whose digits must not be rounded, or give a goal in place of the path"
+        )
     derivatives = list[Array]()
     for order, rate in enumerate(rates, start=1):
         given = compose_derivatives(by_s[: order + 1], [*derivatives, np.zeros(())])[order]
@@ -283,7 +283,8 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
         if miss > SEAM_JUMP * max(np.abs(rate).max(), np.abs(given).max(), speed):
             raise InvalidInput(
                 f"path: its derivative of order {order} by s at its start does not follow the motion of the "
-                f"platform, dx/dt = {motion[1].tolist()}: it is off by {miss * scale.max():.2g}"
+                f"platform, dx/dt = {motion[1].tolist()}: it is off by {miss * scale.max():.2g}; "
+                f"a goal in place of the path leads there by a curve that follows it"
             )
         if order == 1 and not derivatives[0] > 0.0:
             raise InvalidInput(
@@ -365,13 +366,18 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
             f"plans: of {robot.name}, {robot.flexibility}, and of {other.name}, {other.flexibility}"
         )
     samples = np.linspace(0.0, plan.duration, 201)
-    compared = [
-        ("motor angle", CrossingPlan.motor_angle, 0),
-        ("torque", CrossingPlan.torque, 0),
-        *(("platform", CrossingPlan.platform, order) for order in range(3)),
-        *(("deflection", CrossingPlan.deflection, order) for order in range(2) if robot.n_e),
+    meet = "; let it start at this plan's end, or where times leave it"
+    corner = "; let both rest there, or plan one path whose corner is round, such as a Polyline with a blend"
+    go_on = "; plan.restart(t, goal) goes on without a jump"
+    compared = [  # the cause before what follows from it
+        ("platform", CrossingPlan.platform, 0, meet),
+        ("motor angle", CrossingPlan.motor_angle, 0, go_on),
+        ("platform", CrossingPlan.platform, 1, corner),
+        ("platform", CrossingPlan.platform, 2, go_on),
+        ("torque", CrossingPlan.torque, 0, go_on),
+        *(("deflection", CrossingPlan.deflection, order, go_on) for order in range(2) if robot.n_e),
     ]
-    for quantity, function, order in compared:
+    for quantity, function, order, remedy in compared:
         jump = np.abs(function(following, 0.0, order) - function(plan, t, order)).max()
         size = np.abs(function(plan, samples, order)).max()
         if jump > SEAM_JUMP * SEAM_JUMP_GROWTH**order * size:
@@ -380,7 +386,7 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
             hint = "; plan both with torque_sharing least_norm, which depends on the motion alone"
             raise InvalidInput(
                 f"plans: at t = {t:g} s the {what} jumps by {jump:.2g}, its size is {size:.3g}"
-                f"{hint if shared else ''}"
+                f"{hint if shared else remedy}"
             )
 
 

@@ -84,15 +84,16 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
     # with their conditions, springs at rest
     crossed = tuple(replace(point, condition=coefficients_at(branch, point, None)) for point in to_cross)
     points = crossed
-    if request.at is not None:
-        points = tuple(_with_imposed(singular, crossed) for singular in searched.points)
+    if request.at is not None:  # the singular points have the conditions that are imposed there
+        points = searched.points
+        for imposed in crossed:
+            points = tuple(
+                replace(point, condition=imposed.condition)
+                if abs(point.s - imposed.s) < SAME_PLACE
+                else point
+                for point in points
+            )
     return PathToCross(searched._replace(points=points), crossed, explained)
-
-
-def _with_imposed(singular: SingularPoint, imposed: Sequence[SingularPoint]) -> SingularPoint:
-    """Return a singular point with the condition that is imposed there, if any."""
-    conditions = [point.condition for point in imposed if abs(point.s - singular.s) < SAME_PLACE]
-    return replace(singular, condition=conditions[0]) if conditions else singular
 
 
 def _check_counts(request: Request, points: Sequence[SingularPoint]) -> None:

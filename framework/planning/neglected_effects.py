@@ -64,13 +64,24 @@ class CorrectedLaw(ExactLaw):
     def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
         """Correct a law so that s, s' and s" change by given amounts at given instants.
 
+        A law without panels, such as the polynomial, has one correction over the whole motion, so that the
+        sum is the polynomial with which the model would be planned. Any other law has one around each
+        crossing: for a crossing near an end of the motion, a single one would be large far away from it.
+
         Args:
             times: instants (k,) [s], ascending.
             changes: amounts (k, 3) for s, s' and s".
             smoothness: order up to which derivatives of a correction vanish at its ends.
         """
+        # half-width of a local correction divided by the time to the next crossing or end
+        corrected_share = 0.9
+        starts, stops = np.zeros(1), np.array([law.duration])
+        if len(edges_of(law)):
+            gaps = np.diff([0.0, *times, law.duration])
+            half_widths = corrected_share * np.minimum(gaps[:-1], gaps[1:])
+            starts, stops = times - half_widths, times + half_widths
         corrections = {}
-        for start, end in _correction_intervals(law, times):
+        for start, end in zip(starts.tolist(), stops.tolist(), strict=True):
             inside = (start < times) & (times < end)
             inner = conditions_at_instants(times[inside] - start, changes[inside])
             ends = conditions_at_instants([0.0, end - start], np.zeros((2, smoothness + 1)))
@@ -99,22 +110,6 @@ class CorrectedLaw(ExactLaw):
             inside = (time >= 0.0) & (time <= polynomial.duration)
             values[inside] += polynomial(time[inside], order)
         return values
-
-
-def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
-    """Return the start and end [s] of each correction of a law that crosses at times (k,).
-
-    A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
-    the polynomial with which the model would be planned. Any other law has one correction around each
-    crossing: for a crossing near an end of the motion, a single correction would be large far away from it.
-    """
-    # half-width of a local correction divided by the time to the next crossing or end
-    corrected_share = 0.9
-    if not len(edges_of(law)):
-        return [(0.0, law.duration)]
-    gaps = np.diff([0.0, *times, law.duration])
-    half_widths = corrected_share * np.minimum(gaps[:-1], gaps[1:])
-    return list(zip(times - half_widths, times + half_widths, strict=True))
 
 
 # ------------------------------------------------------------------ another model on the motion

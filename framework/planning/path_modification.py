@@ -23,7 +23,6 @@ from framework.errors import InvalidInput, NoAnswer, NoLaw, UncontrolledMotions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.curves import Spline
 from framework.laws.law import is_number
-from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.planning.feasibility import feasibility_on_path
 from framework.planning.plan import plan_request
@@ -93,7 +92,10 @@ def plan_request_with_modified_path(
     except UncontrolledMotions:  # a NoLaw that no bend mends
         raise
     except NoLaw as refusal:
-        modification = None if _is_about_end(refusal) else _modification_at_crossing(robot, request)
+        proof = refusal.proof
+        is_about_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
+        # no bend moves an end of the path
+        modification = None if is_about_end else _modification_at_crossing(robot, request)
         if modification is None:
             raise
         modified = modification.plan_with_least() if bend is None else modification.plan_with(bend)
@@ -101,12 +103,6 @@ def plan_request_with_modified_path(
             tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
             raise refusal.adding(f"nor does a bend of {tried} % of its length help").advising(None) from None
         return modified
-
-
-def _is_about_end(refusal: NoLaw) -> bool:
-    """Return whether a proof excludes all laws by an end of the path, which no bend moves."""
-    proof = refusal.proof
-    return isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
 
 
 class _Modification(NamedTuple):
@@ -222,21 +218,14 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     largest = bump_height * np.linalg.norm(direction * unit_lengths)
     length = path_length(robot, path)
 
-    s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / largest)
-    return _Modification(robot, request, s, unit_bend, unit_lengths, length)
-
-
-def _choose_intervals(path: Path, c: float) -> int:
-    """Choose the number of intervals of the bent spline.
-
-    The crossing c must be near the middle of an interval: a knot between two intervals becomes an edge
-    between panels in time, which no crossing may meet.
-    """
+    # The crossing must be near the middle of an interval of the spline: a knot between two intervals is an
+    # edge between panels in time, which no crossing may meet.
     min_intervals = 9
     least = min_intervals + 2 * len(path.knots)
-    candidates = range(least - 1, least + 3)
-    return min(candidates, key=lambda count: abs(c * count % 1.0 - 0.5))  # distance from an interval's middle
+    count = min(range(least - 1, least + 3), key=lambda intervals: abs(c * intervals % 1.0 - 0.5))
+    s = np.linspace(0.0, 1.0, count + 1)
+    unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / largest)
+    return _Modification(robot, request, s, unit_bend, unit_lengths, length)
 
 
 def _largest_norm(rows: Array) -> float:

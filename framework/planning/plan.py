@@ -109,13 +109,22 @@ def plan_request(
     started = time.perf_counter()
     if searched is None:
         searched = search_path(robot, request.path)
-    check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
+    else:
+        check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
     to_cross = path_to_cross(searched, request, explained=explained)
     try:
         with limit_time(request.time_limit):
             plan = _plan_best(to_cross, request)
     except NoAnswer as refusal:
-        raise _explain_refusal(refusal, to_cross.searched, request) from None
+        named = refusal.naming(refusal.name or robot.name)
+        if isinstance(named, UncontrolledMotions):  # of several motions one condition (8) explains nothing
+            raise named from None
+        if isinstance(named, NoLaw):
+            at_points = feasibility_on_path(to_cross.searched)
+            named = named.adding(*(point.short_sentence for point in at_points if point is not None))
+        if isinstance(named, NoLaw | UnboundedTorque):
+            named = named.advising(find_remedy(named, to_cross.searched, request))
+        raise named from None
     check_limits(plan)
     return replace(plan, seconds=time.perf_counter() - started)
 
@@ -135,11 +144,23 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
         return _plan_optimal(to_cross, request, "it was asked for")
     if request.kind == "optimal":  # by a goal, or by limits without a duration
         return _plan_goal(to_cross, request)
-    if request.may_be_optimal:
-        return _plan_with_either_law(to_cross, request)
-    plan = plan_polynomial(to_cross, request)
-    if _limit_ratio(plan) <= 1.0:
-        return plan
+    # Polynomials through several points seldom advance, s' > 0. Without springs, n_e = 0, an optimal law is
+    # found sooner than times and speeds with which a polynomial advances.
+    may_be_optimal = request.may_be_optimal
+    is_few = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS
+    is_searched = is_few or to_cross.branch.robot.n_e > 0 or not may_be_optimal
+    try:
+        plan = plan_polynomial(to_cross, request, searched=is_searched)
+    except (NoLaw, NotConverged) as no_polynomial:
+        if not may_be_optimal:
+            raise
+        return _plan_without_polynomial(to_cross, request, no_polynomial, is_searched=is_searched)
+    excess = _limit_ratio(plan)
+    if excess <= 1.0:
+        is_chosen = request.speeds is None and request.times is None
+        return _improve_polynomial(to_cross, plan) if may_be_optimal and is_chosen else plan
+    if may_be_optimal:
+        return _plan_optimal(to_cross, request, f"the polynomial needs {excess:.4g} times the limits")
     use = max(plan.motor_use, key=lambda use: use.ratio)
     raise NoLaw(
         f"the polynomial needs {use.ratio:.4g} times the limits: {use.sentence}",
@@ -156,32 +177,16 @@ def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
     Raises:
         NoAnswer: the refusal of the optimal law, if no polynomial replaces it.
     """
-    has = "a goal" if request.optimize is not None else "a duration of its own"
+    goal = f"optimize {request.optimize}"
+    wish = goal if request.optimize is not None else "a duration left open"
     try:
-        return _plan_optimal(to_cross, request, f"only the optimal law has {has}")
+        return _plan_optimal(to_cross, request, f"{wish} asks for it; a duration alone gives a polynomial")
     except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
         with limit_time(None):  # the time limit is for the search of the optimal law alone
             plan = _find_polynomial_instead(to_cross, request, refusal)
         if plan is None:
             raise
         return plan
-
-
-def _plan_with_either_law(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with a polynomial, or with the optimal law where the polynomial is refused or not good enough."""
-    # Polynomials through several points seldom advance, s' > 0. Without springs, n_e = 0, an optimal law is
-    # found sooner than times and speeds with which a polynomial advances.
-    is_searched = len(to_cross.crossing_points) < FREE_LAW_CROSSINGS or to_cross.branch.robot.n_e > 0
-    try:
-        plan = plan_polynomial(to_cross, request, searched=is_searched)
-    except (NoLaw, NotConverged) as no_polynomial:
-        return _plan_without_polynomial(to_cross, request, no_polynomial, is_searched=is_searched)
-    excess = _limit_ratio(plan)
-    if excess > 1.0:
-        return _plan_optimal(to_cross, request, f"the polynomial needs {excess:.4g} times the limits")
-    if request.speeds is not None or request.times is not None:
-        return plan
-    return _improve_polynomial(to_cross, plan)
 
 
 def _plan_without_polynomial(
@@ -208,7 +213,12 @@ def _plan_without_polynomial(
         raise SearchEnded(no_polynomial.message, clauses=(end.sentence,)) from None
     except (NoLaw, NotAssembled, NotConverged) as no_optimal:
         if is_searched:
-            raise _refuse_both_laws(no_polynomial, no_optimal) from None
+            both = no_polynomial.adding(f"nor does the optimal law help: {no_optimal.sentence}")
+            if isinstance(both, NoLaw):
+                proof = both.proof or no_optimal.proof
+                raise both.with_changes(proof=proof, evidence=no_optimal.evidence) from None
+            # another tolerance resolves the polynomial whatever the optimal law; other remedies were tried
+            raise both.advising(both.remedy if "tolerance" in (both.remedy or {}) else None) from None
         plan = _find_polynomial_instead(to_cross, request, no_optimal)
         if plan is None:
             raise
@@ -231,17 +241,6 @@ def _find_polynomial_instead(
         return None
     reason = f"the polynomial, as the optimal law is not found: {no_optimal.sentence}"
     return replace(plan, reason=reason) if _limit_ratio(plan) <= 1.0 else None
-
-
-def _refuse_both_laws(
-    no_polynomial: NoLaw | NotConverged, no_optimal: NoLaw | NotAssembled | NotConverged
-) -> NoLaw | NotConverged:
-    """Return the refusal of a request from the refusals of its polynomial and of its optimal law."""
-    both = no_polynomial.adding(f"nor does the optimal law help: {no_optimal.sentence}")
-    if isinstance(both, NoLaw):
-        return both.with_changes(proof=both.proof or no_optimal.proof, evidence=no_optimal.evidence)
-    # another tolerance resolves the polynomial whatever the optimal law; any other remedy was tried
-    return both.advising(both.remedy if "tolerance" in (both.remedy or {}) else None)
 
 
 def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
@@ -384,23 +383,6 @@ def check_limits(plan: CrossingPlan) -> None:
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
         raise LimitsExceeded(f"the motion leaves limits: {listed}", name=plan.robot.name, exceeded=exceeded)
-
-
-def _explain_refusal(refusal: NoAnswer, searched: SearchedPath, request: Request) -> NoAnswer:
-    """Return a refusal with the robot's name and, if a law is the reason, with condition (8) and a remedy.
-
-    Args:
-        searched: the path with its singular points, under the wrenches of the request.
-    """
-    named = refusal.naming(refusal.name or searched.branch.robot.name)
-    if isinstance(named, UncontrolledMotions):  # of several motions one condition (8) explains nothing
-        return named
-    if isinstance(named, NoLaw):
-        at_points = feasibility_on_path(searched)
-        named = named.adding(*(point.short_sentence for point in at_points if point is not None))
-    elif not isinstance(named, UnboundedTorque):
-        return named
-    return named.advising(find_remedy(named, searched, request))
 
 
 def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from framework.catalogue import load_robot, robot_file
-from framework.errors import InvalidInput, NoAnswer, RobotFileError, SingularReference, choose_from, expect
+from framework.errors import InvalidInput, NoAnswer, RobotFileError, SingularReference, choose_from
 from framework.laws.path import Path
 from framework.model.parameters import declared_parameters
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -73,8 +73,6 @@ def plan_study(
         >>> study = plan_study("arm.yaml", "pick", {"mass": [1, 2]}, quantities=quantities)  # doctest: +SKIP
         >>> study.quantities["duration"]  # doctest: +SKIP
     """
-    expect("parameters", parameters, Mapping, '{"mass": [1, 2]}')
-    expect("quantities", quantities, Mapping, '{"duration": lambda plan: plan.duration}')
     path = str(robot_file(file))
     declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
     for unknown in parameters.keys() - declared.keys():

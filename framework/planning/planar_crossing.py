@@ -69,14 +69,24 @@ class PlanarCrossing(NamedTuple):
                 gravity: constant [N m], per (ds/dt)^2 and per d2s/dt2 [N m s^2].
             power_off, power_on: (M, 3) the same coefficients of t_s . W_p.
         """
-        robot, closed = self.robots["off"], self.searched.branch.close(s)
+        robot, branch = self.robots["off"], self.searched.branch
+        closed = branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
-        scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
+        # the null vector from which t_s is computed has an arbitrary length and sign: those at the crossing
+        _measure, at_crossing = _measure_with_twist(robot, branch.close(np.array([self.point.s])))
+        nearest = twist[np.argmin(np.abs(measure.g))]  # (n,) of the sign of all samples
+        scale = twist_norm(robot, at_crossing[0]) * sign_along(nearest, branch.path(self.point.s, 1))
+        steps = STEP_ASIDE * robot.length * np.eye(robot.n)  # (n, n), one along each axis
         G, _joint_rates = motor_speeds(robot, closed)  # (M, n_a, n)
         g = measure.g[:, None, None]
         samples = {
             "q": closed.q,
-            "q_aside": _close_aside(robot, closed),
+            "q_aside": np.array(
+                [
+                    [close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)]
+                    for step in steps
+                ]
+            ),
             "g": measure.g,
             "t_s": twist / scale,
             "motor_speed": G,
@@ -84,7 +94,7 @@ class PlanarCrossing(NamedTuple):
         }
         along = Smoothstep(0)  # sigma = s, so that z is (ds/dt)^2 and u is d2s/dt2
         for gravity, moved in self.robots.items():
-            branch = replace(self.searched.branch, robot=moved)
+            branch = replace(branch, robot=moved)
             # powers in the uncontrolled motion of weight and of inertia at ds/dt = 1 and at d2s/dt2 = 1
             static, centrifugal, inertial, *_ = PathForces.compute(branch, s, closed)  # (M, nv) each
             forces = np.stack([static, centrifugal, inertial], axis=1)  # (M, 3, nv)
@@ -92,31 +102,6 @@ class PlanarCrossing(NamedTuple):
             torque = demand(branch, along, s).torque
             samples[f"torque_{gravity}"] = g * np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
         return samples
-
-    def _twist_scale(self, nearest: Array) -> float:
-        """Compute the norm of t_s at the crossing, negative if t_s points backwards on the path.
-
-        The null vector from which t_s is computed has an arbitrary length and sign.
-
-        Args:
-            nearest: t_s (n,) at the sample nearest to the crossing, which has the sign of all samples.
-        """
-        robot, branch = self.robots["off"], self.searched.branch
-        s = self.point.s
-        _measure, twist = _measure_with_twist(robot, branch.close(np.array([s])))
-        direction = sign_along(nearest, branch.path(s, 1))
-        return twist_norm(robot, twist[0]) * direction
-
-
-def _close_aside(robot: ParallelRobot, closed: LinearisedLoops) -> Array:
-    """Close the loops with the platform displaced along each axis: q (n, 2, M, nq).
-
-    The displacement is STEP_ASIDE robot lengths, forward and back, from the M poses `closed`.
-    """
-    poses = []
-    for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
-        poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
-    return np.array(poses)
 
 
 def _measure_with_twist(robot: ParallelRobot, closed: LinearisedLoops) -> tuple[SingularityMeasure, Array]:

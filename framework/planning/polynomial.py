@@ -83,7 +83,16 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
         raise failures[0]
     planned = dynamics.law
     assert isinstance(planned, Law)
-    reason = _reason_for_law(planned, request, len(timing))
+    speed_ratio = planned.least_speed_ratio(request.smoothness, request.ends)
+    if request.kind == "polynomial":
+        least_degree = request.ends.least_degree(request.smoothness, len(timing))
+        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
+        if planned.degree > least_degree:
+            reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
+        if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
+            reason += f"; it nearly stops, at {speed_ratio:.2g} of its mean speed"
+    else:
+        reason = f"the polynomial{' advances' if speed_ratio > 0 else ', though it overshoots its ends'}"
     return certified_plan(to_cross, request, dynamics, planned, timing, crossed=crossed, reason=reason)
 
 
@@ -162,20 +171,6 @@ def _resolve_deformed(
 def _high_coefficients(law: Law, request: Request, timing: Sequence[CrossingTime]) -> Array:
     """Return the Chebyshev coefficients of a law above its least degree; none of the law of that degree."""
     return law.coefficients[request.ends.least_degree(request.smoothness, len(timing)) + 1 :]
-
-
-def _reason_for_law(law: Law, request: Request, crossing_count: int) -> str:
-    """Return why a request has this polynomial, in words."""
-    least_degree = request.ends.least_degree(request.smoothness, crossing_count)
-    speed_ratio = law.least_speed_ratio(request.smoothness, request.ends)
-    if request.kind != "polynomial":
-        return f"the polynomial{' advances' if speed_ratio > 0 else ', though it overshoots its ends'}"
-    reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
-    if law.degree > least_degree:
-        reason += f"; that of the least degree, {least_degree}, does not advance at the times given"
-    if 0 < speed_ratio < MIN_POLYNOMIAL_ADVANCE:
-        reason += f"; it nearly stops, at {speed_ratio:.2g} of its mean speed"
-    return reason
 
 
 def _find_balanced_law(
@@ -261,18 +256,11 @@ def _solve_law(
     try:
         return Law.rest_to_rest(request.fixed_duration, request.smoothness, inner, high, request.ends)
     except InvalidInput as problem:
-        raise _refuse_conditions(problem, timing, request) from None
-
-
-def _refuse_conditions(
-    problem: InvalidInput, timing: Sequence[CrossingTime], request: Request
-) -> InvalidInput | NoLaw:
-    """Return the refusal of times and speeds through which no polynomial could be computed."""
-    through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing) or "the ends"
-    why = f"no polynomial over {request.duration:g} s through {through} could be computed: {problem}"
-    if request.times is None:
-        return NoLaw(why)
-    return InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW)
+        through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing) or "the ends"
+        why = f"no polynomial over {request.duration:g} s through {through} could be computed: {problem}"
+        if request.times is None:
+            raise NoLaw(why) from None
+        raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
 
 
 def undeformed_polynomial(

@@ -74,7 +74,7 @@ The optimal law:
     NotConverged: no law is found, although the limits are not the reason
         planning.optimal.undeformed_law.refuse_law
     NotConverged: law and damping do not settle
-        planning.optimal.undeformed_law.find_law
+        planning.optimal.undeformed_law.find_undeformed_law
     NoLaw: the springs give way at an end, at rest, or, to first order, along the path
         planning.optimal.elastic_search.ElasticSearch
     NotConverged: no law within all limits is resolved
@@ -114,7 +114,7 @@ The motion, under either law or one of the user's own:
     NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
-        dynamics.motion_checks.find_missing_forces
+        dynamics.motion_checks.measure_residuals
     LoadedJoint: a joint is loaded that nothing holds
         dynamics.motion_checks.check_idle_joints
 
@@ -274,8 +274,8 @@ class SearchEvidence(NamedTuple):
         least = self.least
         if least.together:  # limits of torque and of speed must both be raised
             parts.append(
-                f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times "
-                f"the limits were needed together"
+                f"a law was found with torques {_ratio_text(least.torque_peak)} and speeds "
+                f"{_ratio_text(least.speed_peak)} times the limits"
             )
         else:
             for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):

@@ -20,7 +20,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.dynamics.torque_distribution import distribute_torques
 from framework.errors import InvalidInput, did_you_mean
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import REST, Ends
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, Smoothstep
 from framework.laws.path import HIGHEST_ORDER, HIGHEST_STATED, Path, expect_path
@@ -61,7 +61,6 @@ class Request(PlanOptions):
             InvalidInput: an option is invalid; the message lists valid ones.
             TypeError: an option does not exist.
         """
-        expect_robot(robot)
         expect_path(path)
         for name in options.keys() - OPTIONS.keys():
             raise TypeError(f"{name!r} is no option of a plan{did_you_mean(name, OPTIONS)}")

@@ -15,6 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from framework.argument_errors import explain_errors
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
@@ -120,16 +121,19 @@ class CrossingPlan:
         """Evaluate platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
         return self.dynamics.platform(t, order)
 
+    @explain_errors
     def configuration(self, t: ArrayLike) -> Array:
         """Evaluate all joint coordinates q (T, nq); a scalar t gives (nq,)."""
         q = self.dynamics.configuration(t)
         return q if np.ndim(t) else q[0]
 
+    @explain_errors
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv); a scalar t gives (nv,)."""
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
+    @explain_errors
     def restart(
         self, t: float, path: Path | Array | Sequence[float] | None = None, **options: Any
     ) -> CrossingPlan:
@@ -213,13 +217,15 @@ class CrossingPlan:
 
     def __repr__(self) -> str:
         """Return robot, law, crossings and tail in one line."""
-        law = self.reason if self.is_chain else f"{self.law.kind} law, degree {self.law.degree}"
+        degree = f", degree {self.law.degree}" if self.law.kind == "polynomial" else ""
+        law = self.reason if self.is_chain else f"{self.law.kind} law{degree}"
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
         return (
             f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {law} over "
             f"{self.duration:g} s, crossings: {where or 'none'}, tail {self.certificate.tail:.1e})"
         )
 
+    @explain_errors
     def samples(
         self,
         count: int = DEFAULT_ROWS,
@@ -238,6 +244,7 @@ class CrossingPlan:
         """
         return motion_table(self.dynamics, sample_times(self.duration, count, period, at), columns)
 
+    @explain_errors
     def save(self, folder: str | PathLike[str]) -> FilePath:
         """Write plan.json into a folder, for `load_plan`, and return the file.
 
@@ -250,6 +257,7 @@ class CrossingPlan:
 
         return save_plan(self, folder)
 
+    @explain_errors
     def to_csv(
         self,
         file: str | PathLike[str] | IO[str],
@@ -302,7 +310,14 @@ def certified_plan(
         elif condition is not None and request.geometry == "deformed":
             deflection = Deflection.evaluate(dynamics.deflection, measured.time)
             condition = coefficients_at(to_cross.branch, measured, deflection)
-        time, speed, acceleration = _planned_motion(measured, law, timing)
+        # the motion of the law replaces the measured one, which differs only by rounding
+        motion = measured.time, measured.speed, measured.acceleration
+        for time, speed in timing:
+            if abs(time - measured.time) < SAME_PLACE * law.duration:
+                _s, at_law, acceleration = map(float, law.derivatives(time, 3))
+                is_same = abs(speed - at_law) < SAME_PLACE * at_law
+                motion = time, speed if is_same else at_law, acceleration
+        time, speed, acceleration = motion
         crossings.append(
             replace(measured, condition=condition, time=time, speed=speed, acceleration=acceleration)
         )
@@ -317,18 +332,3 @@ def certified_plan(
         reason=reason,
         optimality=optimality,
     )
-
-
-def _planned_motion(
-    crossing: Crossing, law: PlannedLaw, timing: Sequence[CrossingTime]
-) -> tuple[float, float, float]:
-    """Return time [s], s' [1/s] and s" [1/s^2] of a crossing: those of its law, or else measured ones.
-
-    Times and speeds for which the law was made replace measured ones that differ only by rounding.
-    """
-    for time, speed in timing:
-        if abs(time - crossing.time) < SAME_PLACE * law.duration:
-            _s, found, acceleration = map(float, law.derivatives(time, 3))
-            is_same = abs(speed - found) < SAME_PLACE * found
-            return time, speed if is_same else found, acceleration
-    return crossing.time, crossing.speed, crossing.acceleration

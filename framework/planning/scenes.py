@@ -10,7 +10,7 @@ from typing import Any
 
 from framework.dynamics.motor_limits import is_limited
 from framework.errors import InvalidInput, check_choice, choose_from, short
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.curves import Arc, Polyline, Spline
 from framework.laws.path import Line, Path
 from framework.model.description import Scene
@@ -33,7 +33,6 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
 
 def _scene_and_path(robot: ParallelRobot, name: str) -> tuple[Scene, Path]:
     """Return a `scene` with its path; raise as `scene`."""
-    expect_robot(robot)
     scenes = robot.description.scenes
     if not scenes:
         raise InvalidInput(f"{robot.name}: unknown scene {short(name)}: it has no scenes")

@@ -37,7 +37,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.mechanism import frame_index
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.model.description import AXES, Closure
 from framework.model.loop_rows import ROW_KINDS
@@ -117,7 +117,6 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     Raises:
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
     """
-    expect_robot(robot)
     target = motor_joints_of(robot, q_a)
     if not motors_are_free(robot):
         raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")

@@ -23,21 +23,11 @@ Record = TypeVar("Record")  # of the proved pieces
 
 @dataclass(frozen=True, eq=False)
 class Examined(Generic[Stack, Record]):
-    """The result of a test: proved, undecided and pending pieces; all others are dropped."""
+    """The pieces of a region after tests: proved, undecided and pending ones; all others are dropped."""
 
-    proved: Record  # record of the proved pieces and of what the test has proved about them
+    proved: Record  # the proved pieces and what the test has proved about them; a list for several batches
     undecided: Stack  # too small to be cut
     pending: Stack  # narrowed or cut, to be tested again
-
-
-@dataclass(frozen=True, eq=False)
-class Partition(Generic[Stack, Record]):
-    """The pieces of a region that were not dropped."""
-
-    proved: list[Record]  # one record for each batch
-    undecided: Stack  # too small to be cut
-    pending: Stack  # not tested, because `max_examined` was reached
-    limit: float  # distance; all nearer pieces are decided
 
 
 def branch_and_bound(
@@ -47,7 +37,7 @@ def branch_and_bound(
     max_examined: int,
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
-) -> Partition[Stack, Record]:
+) -> tuple[Examined[Stack, list[Record]], float]:
     """Test the pieces of a region until all are decided or `max_examined` are tested.
 
     Pieces are the rows of a stack of arrays.
@@ -59,6 +49,9 @@ def branch_and_bound(
             pieces no nearer than `limit` or than an undecided piece are not tested. By default the newest
             pieces are tested first, and all are tested.
         limit: distance beyond which no piece is of interest.
+
+    Returns:
+        The pieces, pending if they were not tested; the distance up to which all pieces are decided.
     """
     batch = 1024  # pieces tested at a time
     pending = region
@@ -78,7 +71,7 @@ def branch_and_bound(
             pending = select(pending, distance(pending) < limit)
     if distance is not None:
         limit = float(distance(pending).min(initial=limit))
-    return Partition(proved, join(undecided), pending, limit)
+    return Examined(proved, join(undecided), pending), limit
 
 
 class Boxes(NamedTuple):

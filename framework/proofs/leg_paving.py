@@ -9,7 +9,7 @@ halved until none of them can hold a solution, or one is too small to be halved.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -139,10 +139,10 @@ def has_only_known_solutions(equations: Equations, region: Boxes, known: KnownSo
 
     # One undecided box spoils the proof. All boxes get the distance 0: then none is nearer than an undecided
     # box, so that the search ends with the first one.
-    partition = branch_and_bound(
+    tested, _ = branch_and_bound(
         test, region, max_examined=max_boxes, distance=lambda boxes: np.zeros(boxes.size)
     )
-    return not (partition.undecided.size or partition.pending.size)
+    return not (tested.undecided.size or tested.pending.size)
 
 
 # ------------------------------------------------------------------ the equations
@@ -173,8 +173,16 @@ def collect_leg_equations(
     loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
     terms = [loop_term(rows, row, number) for number, row in enumerate(loops.tolist())]
     constants = rows.constant[loops].tolist()
-    if x is not None and carried[0, own].any() and not carried[0, free].any():
-        for kind, axes, value in _platform_equations(robot, q, x):
+    platform = robot.platform
+    is_on_platform = carried[0, own].any() and not carried[0, free].any()
+    if x is not None and isinstance(platform, FramePlatform) and is_on_platform:
+        # positions of the frame's origin [m]; with all rotations in x (three, or one in a plane) also the
+        # cosines between the axes of the base and those of the frame, as in q
+        values = [("point", (axis,), x[k]) for axis, k in zip(platform.along, platform.sliding, strict=True)]
+        if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
+            rotation = frames_at(robot, q[None]).rotation[0, 0]
+            values += [("direction", axes, cosine) for axes, cosine in np.ndenumerate(rotation)]
+        for kind, axes, value in values:
             terms.append(Term(len(terms), (BASE, 0), kind, *axes))
             constants.append(value)
     # a cosine has no unit, a position is divided by the robot's length
@@ -189,24 +197,6 @@ def collect_leg_equations(
         row_scale=1.0 / np.array(units),
         rounding=FRAME_ROUNDING * (1.0 + stretched_length(robot, q) + slide_reach),
     )
-
-
-def _platform_equations(
-    robot: ParallelRobot, q: Array, x: Array
-) -> Iterator[tuple[str, tuple[int, ...], float]]:
-    """Yield the kind, the axes and the value of each position and cosine of the platform's frame.
-
-    The positions of the origin [m] are those in x (n,). The cosines between the axes of the base and those of
-    the frame are those in q (nq,), if x includes all rotations: three, or one in a plane.
-    """
-    platform = robot.platform
-    if not isinstance(platform, FramePlatform):
-        return
-    for base_axis, position in zip(platform.along, x[platform.sliding], strict=True):
-        yield "point", (base_axis,), position
-    if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
-        for axes, cosine in np.ndenumerate(frames_at(robot, q[None]).rotation[0, 0]):
-            yield "direction", axes, cosine
 
 
 def _bound_slides(robot: ParallelRobot, q: Array, x: Array | None) -> float:

@@ -42,32 +42,24 @@ def find_joints_at_pose(
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute dimensionless offsets (T, 3 or 12) from the pose, and slopes (T, .., nv).
 
-        The first 3 offsets are of its origin, the others of its axes.
+        The first 3 offsets are of its origin, the others of its axes. The derivative of an axis e along a
+        joint that turns about w_j is w_j x e.
         """
+        jacobian = frames.frame_jacobian()  # (T, 6, nv)
         offsets = (frames.platform_origin - position) / robot.length
-        slopes = frames.frame_jacobian()[:, :3] * robot.column_scale / robot.length
+        slopes = jacobian[:, :3] * robot.column_scale / robot.length
         if rotation is None:
             return offsets, slopes
-        turns, turn_slopes = attitude_equations(frames, rotation)
+        axes = frames.platform_rotation.swapaxes(1, 2)  # (T, 3, 3), one axis a row; those of R are columns
+        turns = (axes - rotation.T).reshape(-1, 9)
+        w = jacobian[:, 3:].swapaxes(1, 2)  # (T, nv, 3)
+        turn_slopes = cross(w[:, None], axes[:, :, None]).swapaxes(2, 3).reshape(-1, 9, robot.nv)
         return np.hstack([offsets, turns]), np.hstack([slopes, turn_slopes * robot.column_scale])
 
     starts = draw_starts(robot, q, robot.passive, start_count)
     ends, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     poses = remove_whole_turns(robot, ends[closed])
     return min(poses, key=partial(distance_from_reference, robot), default=None)
-
-
-def attitude_equations(frames: FrameStack, rotation: Array) -> tuple[Array, Array]:
-    """Compute offsets (T, 9) of the platform frame's axes from a rotation (3, 3), and slopes (T, 9, nv).
-
-    `frames` are those of T configurations. The slopes are derivatives along all joints. The derivative of an
-    axis e along a joint that turns about w_j is w_j x e.
-    """
-    axes = frames.platform_rotation.swapaxes(1, 2)  # (T, 3, 3), one axis a row
-    turn_axes = frames.frame_jacobian()[:, 3:].swapaxes(1, 2)  # (T, nv, 3) w_j
-    slopes = cross(turn_axes[:, None], axes[:, :, None])  # (T, 3, nv, 3): axis, joint, coordinate
-    offsets = (axes - rotation.T).reshape(-1, 9)  # the axes of the rotation are its columns
-    return offsets, slopes.swapaxes(2, 3).reshape(-1, 9, turn_axes.shape[1])
 
 
 def close_all_loops(

@@ -191,14 +191,14 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
         pending = select(cubes, ~proved & ~is_smallest).split()
         return Examined(select(cubes, proved), undecided, pending)
 
-    partition = branch_and_bound(examine, first, max_examined=max_cells, distance=distances, limit=within)
-    proved = join(partition.proved)
-    proved = select(proved, distances(proved) < partition.limit)
+    tested, limit = branch_and_bound(examine, first, max_examined=max_cells, distance=distances, limit=within)
+    proved = join(tested.proved)
+    proved = select(proved, distances(proved) < limit)
     if not len(proved.level):
         return 0.0
     # the ball ends at the nearest cube without proof, or on another branch
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, width, proved, q))
-    return float(distances(disagreeing).min(initial=partition.limit))
+    return float(distances(disagreeing).min(initial=limit))
 
 
 def _agree_with_inner_neighbours(test: CellTest, width: float, cubes: _Cubes, q: Array) -> BoolArray:

@@ -24,7 +24,7 @@ import numpy as np
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.modes import legs
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
@@ -119,7 +119,6 @@ def pave_singularities(
         InvalidInput: the robot has more freedoms, redundant motors, no passive joints or moving ball joints;
             or an option is not a positive number.
     """
-    expect_robot(robot)
     _expect_pavable(robot)
     resolution = positive("resolution", resolution)
     reach = positive("reach", reach)
@@ -168,10 +167,10 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     # half a turn is rounded up, so that the ends of the region overlap
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
-    partition = branch_and_bound(test, region, max_examined=max_boxes)
+    tested, _ = branch_and_bound(test, region, max_examined=max_boxes)
 
-    arcs = join(partition.proved)
-    undecided = join([partition.undecided, partition.pending])  # too small, or not tested
+    arcs = join(tested.proved)
+    undecided = join([tested.undecided, tested.pending])  # too small, or not tested
     if test.others is not None:  # an arc of some loop equations proves no pose that closes the others
         unproved = join([undecided, Boxes(arcs.middle, arcs.radii)])
         undecided = select(unproved, ~(test.are_others_open(unproved) | test.are_regular(unproved)))

@@ -16,7 +16,7 @@ from framework.errors import finite_numbers
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_signs
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.homotopy import Status
@@ -77,31 +77,16 @@ class WorkingModes:
 def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     """Find all solutions of the inverse kinematics at platform coordinates x (n,), springs at rest.
 
+    Modes within the joint limits come first. Among them, and among the others, the nearest to the reference
+    comes first.
+
     Raises:
         InvalidInput: x has the wrong length or is not finite, or the platform does not determine the joints.
     """
-    expect_robot(robot)
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = solve_legs(robot, robot.reference.q, robot.moving, x)
-    return WorkingModes(
-        modes=tuple(_sorted_modes(robot, solutions.q, x)),
-        solutions=solutions.counts,
-        legs=tuple(leg.motors for leg in solutions.legs),
-        proved_legs=solutions.complete,
-        are_all=solutions.are_all,
-    )
-
-
-def _sorted_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the modes q (T, nq) with closed loops at x (n,).
-
-    Modes within the joint limits come first. Among them, and among the others, the nearest to the reference
-    comes first.
-    """
-    if not len(q):
-        return []
-    q = _turn_within_limits(robot, q)
+    q = _turn_within_limits(robot, solutions.q)  # (T, nq)
     signs = leg_signs(robot, linearised_at(robot, q, np.tile(x, (len(q), 1))))
     motors = robot.actuated_coordinates(q)
     within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)  # > 0 beyond a limit
@@ -110,7 +95,13 @@ def _sorted_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     for k in np.lexsort([distances, ~within_limits]):  # the last key comes first
         proved = has_one_solution_near(robot, q[k], platform_locked=True)
         modes.append(WorkingMode(q[k], motors[k], signs[k], proved, bool(within_limits[k])))
-    return modes
+    return WorkingModes(
+        modes=tuple(modes),
+        solutions=solutions.counts,
+        legs=tuple(leg.motors for leg in solutions.legs),
+        proved_legs=solutions.complete,
+        are_all=solutions.are_all,
+    )
 
 
 def _turn_within_limits(robot: ParallelRobot, q: Array) -> Array:

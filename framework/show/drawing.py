@@ -261,7 +261,15 @@ def plot_still(
     dots: Style = {"color": LOCUS if film.proved else ALARM, "markersize": 4, "zorder": 6}
     ax.plot(*path[instants].T, "o", **dots)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
-        _draw_force_polygons(film, ax, path, limit, frame)
+        # the hull of the forces of all c combinations of torques at plus or minus the limit
+        vertices = film.motors.vertices(limit)  # (F, c, 2) [N]
+        scale = 0.35 * robot.length / np.linalg.norm(vertices, axis=2).max()  # [m/N]
+        along_path = np.linspace(0, len(film.time) - 1, 7).astype(int)
+        for i in np.unique([*along_path, film.key_frame]) if frame is None else [frame]:
+            corners = path[i] + scale * convex_hull(vertices[i])
+            ax.add_patch(
+                Polygon(corners, facecolor=(GIVEN, 0.18), edgecolor=GIVEN, linewidth=0.8, zorder=3.5)
+            )
     if film.instants and k == film.key_frame and len(robot.platform.sliding):
         _draw_action_lines(film, ax, k, onto)
     if film.has_measure:
@@ -371,19 +379,6 @@ def draw_arrow(
             fontsize=7,
             zorder=8,
         )
-
-
-def _draw_force_polygons(film: Film, ax: Axes, path: Array, limit: Array, frame: int | None) -> None:
-    """Draw the polygons of motor forces on the path (F, 2) of the platform, at one frame or several.
-
-    A polygon is the hull of the forces of all c combinations of torques at plus or minus the `limit` (n_a,).
-    """
-    vertices = film.motors.vertices(limit)  # (F, c, 2) [N]
-    scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()  # [m/N]
-    along_path = np.linspace(0, len(film.time) - 1, 7).astype(int)
-    for k in np.unique([*along_path, film.key_frame]) if frame is None else [frame]:
-        corners = path[k] + scale * convex_hull(vertices[k])
-        ax.add_patch(Polygon(corners, facecolor=(GIVEN, 0.18), edgecolor=GIVEN, linewidth=0.8, zorder=3.5))
 
 
 __getattr__ = renamed_names(__name__, {"hull": "convex_hull"})

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.argument_errors import explain_errors
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench, wrench_curves
@@ -99,6 +100,7 @@ class Film:
         """Frame of the first singular instant, or else the one in the middle."""
         return self.frame_at(self.instants[0].time) if self.instants else len(self.time) // 2
 
+    @explain_errors
     def frame_at(self, time: float) -> int:
         """Return the frame nearest to a time [s]."""
         return int(np.argmin(np.abs(self.time - time)))

@@ -25,7 +25,7 @@ from framework.atlas.nonsingular_mode_change import AssemblyModeChange
 from framework.atlas.quantities import Quantity, quantity_unit, softest_directions
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -90,7 +90,9 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
 
     Without a path the reference is marked. Over one coordinate the quantity is a curve.
     """
-    quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
+    quantities = {quantity.key: quantity for quantity in workspace.quantities}
+    check_choice("quantity of the map", key, quantities)
+    quantity = quantities[key]
     if len(workspace.window.axes) == 1:
         return _plot_stroke(workspace, quantity, path)
     ax = _make_axes(workspace, quantity)
@@ -223,11 +225,11 @@ def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> No
 
 def _draw_path(workspace: WorkspaceMap, path: Path | None, ax: Axes, halo: list[withStroke]) -> None:
     """Draw a path with a dot at its start; draw the reference when None."""
-    if path is None:
-        start = workspace.robot.reference.x[list(workspace.window.axes)]
-        ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
-        return
     line, projected = path_on_map(workspace, path)
+    if path is None:
+        style = Style(color="black", markeredgecolor="white", markersize=6)
+        ax.plot(*line[0], "P", label=f"reference{projected}", **style)
+        return
     ax.plot(*line.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=f"path{projected}")
     ax.plot(*line[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
 
@@ -239,11 +241,12 @@ def mask_not_carried(workspace: WorkspaceMap, quantity: Quantity) -> BoolArray:
     return workspace.reached & (workspace.load != LoadReason.CARRIED)
 
 
-def path_on_map(workspace: WorkspaceMap, path: Path) -> tuple[Array, str]:
-    """Return points (m, 2) of a path, and ", projected" for a path off the map's plane."""
+def path_on_map(workspace: WorkspaceMap, path: Path | None) -> tuple[Array, str]:
+    """Return points (m, 2) of a path, or the reference, and ", projected" if they are off the map's plane."""
     window = workspace.window
     axes = list(window.axes)
-    x = path(np.linspace(0.0, 1.0, PATH_SAMPLES))  # (m, n)
+    reference = workspace.robot.reference.x
+    x = reference[None] if path is None else path(np.linspace(0.0, 1.0, PATH_SAMPLES))  # (m, n)
     offsets = (x - window.constants) / workspace.robot.platform_scale
     offsets[:, axes] = 0.0
     return x[:, axes], "" if np.abs(offsets).max() < SAME_PLACE else ", projected"
@@ -348,12 +351,12 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     legend = [(text, LOCUS, False) for kind, text in ((True, TYPE_2), (False, OF_LOOPS)) if kind in kinds]
     if len(unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
-    mark = robot.reference.x[list(window.axes)]
-    if path is not None:
-        line, projected = path_on_map(workspace, path)
+    line, projected = path_on_map(workspace, path)
+    if path is None:
+        legend.append((f"dot: the reference{projected}", "var(--twist)", False))
+    else:
         curves.append(_curve_document(line, PATH, width=2.5, dash=[7, 4]))
         legend.append((f"path, from the dot on{projected}", PATH, False))
-        mark = line[0]
     if workspace.load is not None:
         lost = int(workspace.reached.sum()) - workspace.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
         legend.append((f"load not carried: {lost} poses", NOT_CARRIED, True))
@@ -375,7 +378,7 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
         "unreached": _rgb_values(UNREACHED),
         "not_carried": _rgb_values(NOT_CARRIED),
         "curves": curves,
-        "marks": [np.round(mark, 9)],
+        "marks": [np.round(line[0], 9)],
         "crosses": np.round(unexplained, 9),
         "legend": legend,
     }

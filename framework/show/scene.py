@@ -156,6 +156,9 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
         points += [carried_points(pose[shape.node], shape.corners()) for shape in sight.bodies]
     view = _view_document(np.concatenate(points), sight)
     motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
+    frames = [robot.model.frames[frame] for frame in robot.frames]  # at the ends of springs
+    places = [{"node": end.parentJoint, "place": end.placement.translation.copy()} for end in frames]
+    ends = zip(robot.line_springs.first, robot.line_springs.second, strict=True)
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -165,19 +168,9 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
         "length": 1.2 * view["radius"],
         "shapes": [_shape_document(shape) for shape in sight.bodies],
         "motors": [_shape_document(shape) | {"name": name, "unit": unit} for shape, name, unit in motors],
-        "line_springs": _line_spring_documents(robot),
+        "line_springs": [[places[first], places[second]] for first, second in ends],
         "view": view,
     }
-
-
-def _line_spring_documents(robot: ParallelRobot) -> list[list[Document]]:
-    """Return the two ends of each spring between points: a node, and the place (3,) [m] in its frame."""
-    springs = robot.line_springs
-    ends = [robot.model.frames[frame] for frame in robot.frames]
-    places = [{"node": end.parentJoint, "place": end.placement.translation.copy()} for end in ends]
-    return [
-        [places[first], places[second]] for first, second in zip(springs.first, springs.second, strict=True)
-    ]
 
 
 def _column_major(placement: Array) -> Array:

@@ -123,12 +123,14 @@ def plot_robustness(
     for ax in axes:
         ax.set(ylabel="share of the runs", ylim=(0.0, 1.05))
     errors.set(xscale="log", xlabel="largest tracking error  [robot lengths, rad]")
-    errors.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
-    errors.xaxis.set_major_formatter("{x:g}")
-    errors.xaxis.set_minor_formatter("")
     in_millimetres = "" if length is None else f" ({1e3 * length * loop.tolerance:.3g} mm)"
     label = f"tolerance {loop.tolerance:.2g}{in_millimetres}"
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8, label=label)
+    low, high = errors.get_xlim()
+    digits = (1.0, 2.0, 5.0) if high < 50 * low else (1.0,)  # as many as have room
+    errors.xaxis.set_major_locator(LogLocator(subs=digits, numticks=8))
+    errors.xaxis.set_major_formatter("{x:g}")
+    errors.xaxis.set_minor_formatter("")
     limits = np.unique(loop.limit or ())
     is_near = limits < 2.0 * torques.get_xlim()[1]
     for limit in limits[is_near]:

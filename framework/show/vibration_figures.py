@@ -98,7 +98,8 @@ def path_vibrations(plan: CrossingPlan) -> tuple[Array, Vibrations] | None:
     except InvalidInput:
         return None
     gain = vibrations.gain  # (T, F)
-    return (plan.law(times), vibrations) if np.isfinite(gain).all() and gain.min() > 0.0 else None
+    s = np.clip(plan.law(times), 0.0, 1.0)  # of a polynomial up to rounding
+    return (s, vibrations) if np.isfinite(gain).all() and gain.min() > 0.0 else None
 
 
 def plot_vibrations(plan: CrossingPlan) -> Axes:

@@ -102,18 +102,6 @@ def _pseudo_inverse(left: Array, values: Array, right: Array) -> Array:
     return matmul(columns * inverse[:, None], left.swapaxes(1, 2))
 
 
-def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
-    """Compute the motions that the loops allow at one state (T = 1).
-
-    Returns:
-        Joint rates (nv, d) of d motions that move mass; joint rates (nv, k) of k motions without mass.
-    """
-    allowed = allowed_motions(equations, tangent)
-    basis = allowed.basis[0]
-    light = allowed.light[0]
-    return basis[:, ~light], basis[:, light]
-
-
 def consistent_state(
     equations: EquationsOfMotion,
     q: Array,

@@ -336,7 +336,7 @@ def simulate(
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
     if method == "explicit":
-        warn("method explicit goes in 0.10: it is reference", DeprecationWarning, stacklevel=2)
+        warn("method explicit goes in 0.10: it is reference", DeprecationWarning, stacklevel=3)
     for event in events if isinstance(events, list | tuple) else [events]:
         expect("events", event, Event, "Event(lambda t, q, v: q[0])")
     settings = _method_settings(method, tolerance, step, stages)

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput, check_choice, finite_numbers
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import (
     FrameStack,
@@ -47,7 +47,7 @@ from framework.kinematics.mechanism import LineSprings
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, mirror_upper
 from framework.numerics.ordered_sums import matmul, matvec, solve
-from framework.simulation.consistent_states import consistent_state, free_motions
+from framework.simulation.consistent_states import allowed_motions, consistent_state
 from framework.simulation.drive import NO_FORCES, WorldForces
 from framework.simulation.equations import (
     EquationsOfMotion,
@@ -182,11 +182,12 @@ class Stepper:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
         """
         robot = self.robot
-        q = np.asarray(q, dtype=float)
+        q = finite_numbers("q", q, robot.model.nq, stacks=True)
+        v = finite_numbers("v", np.zeros(robot.nv) if v is None else v, robot.nv, stacks=True)
+        given = np.zeros(robot.n_a) if torque is None else torque
+        torque = finite_numbers("torque", given, robot.n_a, stacks=True)
         leading = q.shape[:-1]  # (R,), or () for a single run
-        v = np.zeros(robot.nv) if v is None else v
-        torque = np.zeros(robot.n_a) if torque is None else torque
-        rates = np.broadcast_to(np.asarray(v, dtype=float), (*leading, robot.nv))
+        rates = np.broadcast_to(v, (*leading, robot.nv))
         torques = np.broadcast_to(torque, (*leading, robot.n_a))
         runs = zip(np.atleast_2d(q), np.atleast_2d(rates), np.atleast_2d(torques), strict=True)
         # run k is that of robot k, or of the only robot
@@ -226,7 +227,7 @@ class Stepper:
         """
         platform = self.robot.platform
         runs = np.atleast_2d(q)
-        frames = frames_at(self.robot, runs, self._models(len(runs)))
+        frames = frames_at(self.robot, runs, self.models(len(runs)))
         x = platform.coordinates(frames)
         twist = matvec(platform.jacobian(frames), np.atleast_2d(v))
         shape = (*q.shape[:-1], platform.n)
@@ -367,20 +368,24 @@ class Stepper:
 
     # ------------------------------------------------------------------ terms
 
-    def _models(self, runs: int) -> list[pin.Model]:
+    @cached_property
+    def own_models(self) -> list[pin.Model]:
+        """The pinocchio models of the robots."""
+        return [equations.robot.model for equations in self.equations]
+
+    def models(self, runs: int) -> list[pin.Model]:
         """Return the pinocchio model of each of R runs.
 
         A stepper of several robots has one run for each; a stepper of one robot has any number of runs.
         """
-        models = [equations.robot.model for equations in self.equations]
-        return models if len(models) > 1 else models * runs
+        return self.own_models if len(self.own_models) > 1 else self.own_models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
         runs, nv = len(q), self.robot.nv
         data = scratch_of(self.robot).data
         mass = np.empty((runs, nv, nv))
-        for k, model in enumerate(self._models(runs)):
+        for k, model in enumerate(self.models(runs)):
             mass[k] = pin.crba(model, data, q[k])
         mirror_upper(mass)[:, range(nv), range(nv)] += self.rotors
         frames, bias, drift = self._terms_of_motion(q, v)
@@ -403,13 +408,14 @@ class Stepper:
         screws = np.empty((runs, *scratch.screws.shape))  # (R, nv, 6)
         twists = np.empty((2, runs, *scratch.velocities.shape))  # (2, R, bodies, 6) and their rates
         bias, rest = np.empty_like(v), np.zeros(nv)
-        for k, model in enumerate(self._models(runs)):
-            bias[k] = pin.nonLinearEffects(model, scratch.data, q[k], v[k])
+        data, velocities, accelerations = scratch.data, scratch.velocities, scratch.accelerations
+        for k, (model, q_k, v_k) in enumerate(zip(self.models(runs), q, v, strict=True)):
+            bias[k] = pin.nonLinearEffects(model, data, q_k, v_k)
             # screws, twists and their rates; then placements
-            pin.computeForwardKinematicsDerivatives(model, scratch.data, q[k], v[k], rest)
-            twists[0, k], twists[1, k] = scratch.velocities, scratch.accelerations
+            pin.computeForwardKinematicsDerivatives(model, data, q_k, v_k, rest)
+            twists[0, k], twists[1, k] = velocities, accelerations
             if frames is None:
-                pin.updateFramePlacements(model, scratch.data)
+                pin.updateFramePlacements(model, data)
                 placements[k], screws[k] = scratch.placements, scratch.screws
         frames = FrameStack.of(scratch, placements, screws, q) if frames is None else frames
         motions = move_with_bodies(self.robot, frames, twists)
@@ -422,8 +428,8 @@ def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
     Raises:
         InvalidInput: a scheme that is unknown or does not suit the robot.
     """
-    _, light = free_motions(equations, equations.tangent_at_rest(equations.robot.reference.q))
-    has_light_motion = light.shape[1] > 0  # a motion of parts without mass
+    tangent = equations.tangent_at_rest(equations.robot.reference.q)
+    has_light_motion = bool(allowed_motions(equations, tangent).light.any())  # of parts without mass
     if scheme is None:
         return "extrapolated" if has_light_motion else "midpoint"
     check_choice("scheme", scheme, SCHEMES)

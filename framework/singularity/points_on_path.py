@@ -167,8 +167,10 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
         OutOfReach, Type1Singularity, SingularPath, UncontrolledMotions, NotConverged: see
             `locate_singularities`.
     """
-    branch = track_path(robot, path) if branch is None else branch
-    check_branch(robot, path, branch)
+    if branch is None:
+        branch = track_path(robot, path)
+    else:
+        check_branch(robot, path, branch)
     type1 = _measure_type_1(branch)
     if not robot.n_p:  # every joint has a motor: no motion is uncontrolled
         return SearchedPath(branch, ())

@@ -18,6 +18,7 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
+from framework.control.closed_loop import run_closed_loops
 from framework.control.controllers import RobotState
 from framework.control.variations import apply_variation
 from framework.kinematics.frames import integrate
@@ -124,6 +125,21 @@ def test_a_run_alone_is_the_run_among_others(controller, sensors):
             assert alone.tracking_error[k] == together.tracking_error[run]
             np.testing.assert_array_equal(alone.x[:, k], together.x[: len(alone.x), run])
             np.testing.assert_array_equal(alone.torque[:, k], together.torque[: len(alone.torque), run])
+
+
+def test_the_runs_of_a_controller_are_the_same_with_other_controllers_beside_it():
+    """Also beside one that loses its runs, and one whose sensors read the platform."""
+    ref = reference("five_bar", 2e-2)
+    loop, variations = ControlLoop(sensors="motors elbows"), [draw(ref.robot, SPREAD, (1, k)) for k in (3, 8)]
+    seeing = tuned_controller("lqg", ref, loop=replace(loop, sensors="motors platform imu"), spread=SPREAD)
+    laws = [*(tuned_controller(name, ref) for name in CONTROLLERS), seeing]
+    for law, among in zip(laws, run_closed_loops(laws, loop, SPREAD, variations), strict=True):
+        alone = run_closed_loop(law, loop, SPREAD, variations)
+        assert alone.why == among.why
+        np.testing.assert_array_equal(alone.tracking_error, among.tracking_error)
+        np.testing.assert_array_equal(alone.peak_torque, among.peak_torque)
+        np.testing.assert_array_equal(alone.torque, among.torque[: len(alone.torque)])
+        np.testing.assert_array_equal(alone.x, among.x[: len(alone.x)])
 
 
 def test_a_run_whose_equations_are_singular_leaves_the_others_alone():

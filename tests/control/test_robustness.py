@@ -30,7 +30,7 @@ from framework.control import (
 )
 from framework.control import study as study_module
 from framework.control.controllers import FeedforwardPD
-from framework.control.study import FIRST_TRIAL, run_chunk, run_store
+from framework.control.study import FIRST_TRIAL, run_store, run_studies
 from framework.control.variations import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
@@ -117,10 +117,9 @@ def test_the_quickest_law_passes_as_the_polynomial_does_if_it_leaves_a_tenth_of_
 
 @pytest.mark.slow
 def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
-    passed = {
-        name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12))["passed"].mean()
-        for name in ("feedforward", "lqr", "computed_torque", "naive_computed_torque")
-    }
+    names = ("feedforward", "lqr", "computed_torque", "naive_computed_torque")
+    studies = run_studies({name: controller(name) for name in names}, ControlLoop(), PAYLOAD, runs=12)
+    passed = {study.controller: study.probability for study in studies}
     assert [passed[name] for name in ("feedforward", "lqr", "computed_torque")] == [1.0, 1.0, 1.0]
     assert passed["naive_computed_torque"] < 0.5
 
@@ -188,9 +187,9 @@ def test_sensors_are_tried_in_turn_and_the_best_on_as_many_robots_more(monkeypat
 
 def test_torques_stay_within_the_limit():
     limit = (0.10, 0.09)
-    run = run_chunk(controller("lqr", period=5e-3), ControlLoop(limit=limit), PAYLOAD, 0, range(3))
-    np.testing.assert_allclose(run["peak_torque"].max(axis=0), limit, rtol=1e-12)  # the plan asks for more
-    assert not run["passed"].any()
+    run = run_study(controller("lqr", period=5e-3), ControlLoop(limit=limit), PAYLOAD, runs=3)
+    np.testing.assert_allclose(run.peak_torque.max(axis=0), limit, rtol=1e-12)  # the plan asks for more
+    assert not run.passed.any()
 
 
 @pytest.mark.slow
@@ -245,10 +244,10 @@ def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
         (lambda: run_study(controller("lqr"), ControlLoop(), Spread(), runs=0), "runs"),
         (lambda: run_study(controller("lqr"), ControlLoop(), Spread(), runs=1, seed=-1), "seed"),
         (
-            lambda: run_chunk(controller("lqr"), ControlLoop(limit=(1.0, 2.0, 3.0)), Spread(), 0, range(1)),
+            lambda: run_study(controller("lqr"), ControlLoop(limit=(1.0, 2.0, 3.0)), Spread(), runs=1),
             "limit",
         ),
-        (lambda: run_chunk(controller("lqr"), ControlLoop(limit=(-1.0,)), Spread(), 0, range(1)), "limit"),
+        (lambda: run_study(controller("lqr"), ControlLoop(limit=(-1.0,)), Spread(), runs=1), "limit"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(build, says):
@@ -319,11 +318,11 @@ def computed(monkeypatch, stop_after=None):
     """Numbers of the runs that are computed, in chunks of two; Ctrl-C comes after so many chunks."""
     numbers, whole = [], study_module.run_chunk
 
-    def counting(controller, loop, spread, seed, chunk, *rest):
+    def counting(controllers, loop, spread, seed, chunk, *rest):
         if stop_after is not None and len(numbers) == 2 * stop_after:
             raise KeyboardInterrupt
-        numbers.extend(chunk)
-        return whole(controller, loop, spread, seed, chunk, *rest)
+        numbers.extend([number for number in chunk for _ in controllers])
+        return whole(controllers, loop, spread, seed, chunk, *rest)
 
     monkeypatch.setattr(study_module, "RUNS_PER_CHUNK", 2)
     monkeypatch.setattr(study_module, "run_chunk", counting)
@@ -357,13 +356,13 @@ def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys
 def test_runs_are_stored_in_chunks_of_at_most_25(tmp_path, monkeypatch):
     chunks, whole = [], study_module.run_chunk
 
-    def one_run(controller, loop, spread, seed, chunk, *rest):
+    def one_run(controllers, loop, spread, seed, chunk, *rest):
         chunks.append(len(chunk))
         if len(chunks) == 2:
             raise KeyboardInterrupt
         return {
             key: np.repeat(value, len(chunk), 0)
-            for key, value in whole(controller, loop, spread, seed, chunk[:1], *rest).items()
+            for key, value in whole(controllers, loop, spread, seed, chunk[:1], *rest).items()
         }
 
     monkeypatch.setattr(study_module, "run_chunk", one_run)
@@ -551,6 +550,6 @@ def test_shifted_joints_move_all_that_they_carry():
 
 def test_runs_are_kept_by_what_was_planned_and_not_by_how_long_it_took(tmp_path):
     plan = {"duration": 1.5, "law": [0.0, 1.0], "seconds": 0.2}
-    folder = run_store(tmp_path, {"plan": plan}, "lqr").folder
-    assert run_store(tmp_path, {"plan": {**plan, "seconds": 0.3}}, "lqr").folder == folder
-    assert run_store(tmp_path, {"plan": {**plan, "duration": 1.4}}, "lqr").folder != folder
+    folder = run_store(tmp_path, {"plan": plan}, ["lqr"]).folder
+    assert run_store(tmp_path, {"plan": {**plan, "seconds": 0.3}}, ["lqr"]).folder == folder
+    assert run_store(tmp_path, {"plan": {**plan, "duration": 1.4}}, ["lqr"]).folder != folder

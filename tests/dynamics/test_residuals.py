@@ -19,7 +19,8 @@ from framework import (
 )
 from framework.cli import main
 from framework.dynamics import elasticity
-from framework.dynamics.forces import joint_forces
+from framework.dynamics import forces as module_of_forces
+from framework.dynamics.forces import balanced_forces
 from framework.model.robot_file_writer import write_robot_file
 from framework.model.urdf_edits import lock_joints
 from framework.planning.scenes import scene_path
@@ -155,11 +156,12 @@ def test_the_certificate_sees_a_torque_that_does_not_belong_to_the_motion(flexib
     plan = plan_crossing(robot, CLEAR, duration=1.5)
     assert plan.certificate.max_residual_torque < 1e-12
 
-    def wrong(robot, motion):
-        forces = joint_forces(robot, motion)
+    def wrong(robot, linearised, r):
+        forces = balanced_forces(robot, linearised, r)
         return forces._replace(joint_torque=forces.joint_torque * np.where(np.arange(2) == motor, 1.001, 1.0))
 
-    monkeypatch.setattr(elasticity, "joint_forces", wrong)
+    for module in (elasticity, module_of_forces):  # of the pass at rest, and of those with deflections
+        monkeypatch.setattr(module, "balanced_forces", wrong)
     error = inverse_dynamics(robot, CLEAR, plan.law).certificate.max_residual_torque
     t = np.linspace(0.0, 1.5, 501)
     rotors = robot.rotor_inertia * plan.motor_angle(t, 2)

@@ -4,7 +4,6 @@ import json
 import math
 from functools import cache
 
-import numpy as np
 import pytest
 
 import robots
@@ -119,22 +118,27 @@ def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
 
 
 @pytest.mark.parametrize(
-    ("peak", "bound", "most"),
+    ("peak", "is_found", "most"),
     [
-        # of the multiple m, over the limits; the multiple at which the bound meets them
-        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), np.inf, 9),
-        (lambda m: (1.0 - LIMIT_MARGIN) * (m / 5.3) ** 3, np.inf, 12),
-        (lambda m: 3.0 + m, np.inf, 20),  # evidence that misleads
-        (lambda m: 9.0 - m, np.inf, 20),
-        (lambda m: 1.0, np.inf, 20),
-        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), 5.31, 5),
-        (lambda m: (1.0 - LIMIT_MARGIN) * m / 5.3, 90.0, 12),  # far above what is planned
+        # of the multiple m, over the limits; whether it is found before any plan
+        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), False, 9),
+        (lambda m: (1.0 - LIMIT_MARGIN) * (m / 5.3) ** 3, False, 12),
+        (lambda m: 3.0 + m, False, 20),  # evidence that misleads
+        (lambda m: 9.0 - m, False, 20),
+        (lambda m: 1.0, False, 20),
+        (lambda m: (1.0 - LIMIT_MARGIN) * (1.0 + 0.16 * (m - 5.3)), True, 2),
+        (lambda m: (1.0 - LIMIT_MARGIN) * (m / 5.3) ** 3, True, 12),
+        (lambda m: 3.0 + m, True, 20),
+        (lambda m: (1.0 - LIMIT_MARGIN) * m / 90.0, True, 24),  # far above what is planned
+        (lambda m: (1.0 - LIMIT_MARGIN) * m / 0.01, True, 24),  # far below
     ],
 )
-def test_whatever_peaks_refusals_name_the_bracket_is_right(monkeypatch, peak, bound, most):
+def test_whatever_peaks_are_found_the_bracket_is_right(monkeypatch, peak, is_found, most):
     """Planned up to 5.3 times the push: peaks that rise with it save plans, others do no harm."""
     plan, tried, counted = pushed(0.0), [], []
-    monkeypatch.setattr("framework.fidelity.capacity._Multiples.bound_peaks", lambda self, m: m / bound)
+    capacity = "framework.fidelity.capacity._Multiples"
+    monkeypatch.setattr(f"{capacity}.find_least_peak", lambda self, m: peak(m) if is_found else 0.0)
+    monkeypatch.setattr(f"{capacity}.bound_peaks", lambda self, m: 0.0)
 
     def planned(robot, request, **_):
         (entry,) = request.external_wrenches.entries or (None,)
@@ -177,7 +181,7 @@ def test_the_command_says_no_where_no_multiple_is_planned(monkeypatch, capsys):
 def test_the_command_does_not_say_more_than_was_tried(monkeypatch, capsys):
     plan = pushed(0.0)
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", lambda robot, request, **_: plan)
-    monkeypatch.setattr("framework.fidelity.capacity._Multiples.bound_peaks", lambda self, multiple: 0.0)
+    monkeypatch.setattr("framework.fidelity.capacity._Multiples.find_least_peak", lambda self, multiple: 0.0)
     words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
     assert main(words) == 0
     assert "nothing refused up to 1.04858e+06 times" in capsys.readouterr().out

@@ -585,6 +585,11 @@ def test_whole_turns_of_a_motor_do_not_change_the_motion():
         (lambda v: v[:, :3], {}, "no column torque_left_motor, torque_right_motor"),
         (lambda v: v[:40], {}, "at least 64 are needed"),
         (lambda v: v * [1, 1, 1, 1, 0], {}, "torque_right_motor is zero at all samples"),
+        (
+            lambda v: v + 1e3 * np.outer(np.arange(301) > 99, [0, 1, 0, 0, 0]),
+            {},
+            "half a turn or more from one",
+        ),
         (lambda v: v, {"cutoff": 1e4}, "cutoff: needs"),
         (lambda v: v, {"poses": "both"}, "poses: needs motors or platform"),
         (lambda v: v, {"prior": 0.0}, "prior: must be greater than zero"),

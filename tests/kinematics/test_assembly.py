@@ -83,7 +83,7 @@ def test_loops_that_cannot_close_are_named_with_what_is_missing():
     short = text.replace('<origin xyz="0.25 0 0" rpy="0 0 0"/>', '<origin xyz="0.05 0 0" rpy="0 0 0"/>')
     assert short != text
     broken = Mechanism.from_description(replace(robot.description, urdf_text=short))
-    with pytest.raises(NotAssembled, match=r"tip\.\w+ stays 0\.\d+ m apart after \d+ iterations") as caught:
+    with pytest.raises(NotAssembled, match=r"tip\.\w+ stays 0\.\d+ m apart after \d+ steps") as caught:
         ParallelRobot.of(broken)
     errors, _ = opened(broken, caught.value.q)
     gap = np.linalg.norm(errors)  # the largest of three components lies between the whole and its root third

@@ -66,7 +66,6 @@ def forward_kinematics(
         Type2Singularity: a singularity lies on the curve or at its start; carries its configuration.
         NotAssembled: the curve cannot be followed for another reason.
     """
-    expect_robot(robot)
     target = motor_joints_of(robot, q_a)
     check_motors_are_free(robot)
     start = start_pose(robot, near)
@@ -173,7 +172,6 @@ def forward_kinematics_stack(
             motor can move alone. The errors of single rows (Type2Singularity, NotAssembled) are in `refused`
             of the result.
     """
-    expect_robot(robot)
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
     start = start_pose(robot, near)

@@ -41,7 +41,7 @@ from framework.kinematics.linearised_loops import (
     linearised_at_reference,
     type1_matrix,
 )
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike, IntArray
 from framework.tolerances import BRANCH_CORRECTION, FILE_ROUNDING, MAX_TURNS, SAME_PLACE
@@ -76,7 +76,6 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         NotAssembled: the loops do not close at the reference.
         OutOfReach, Type1Singularity: x cannot be reached from the reference in its working mode.
     """
-    expect_robot(robot)
     reference = robot.reference
     if x is None:
         return reference
@@ -115,7 +114,6 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
         OutOfReach: the path leaves the workspace; names the leg and the place.
         Type1Singularity: the path runs into a pose where a leg is stretched or folded.
     """
-    expect_robot(robot)
     check_path(path)
     if path.n != robot.n:
         raise InvalidInput(

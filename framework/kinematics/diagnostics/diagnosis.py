@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.errors import NotAssembled, SingularReference, expect
+from framework.errors import NotAssembled, SingularReference
 from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, remark_on_turns
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mistaken_units import moving_bodies, remarks_on_bodies
@@ -27,7 +27,7 @@ from framework.kinematics.linearised_loops import assembled_at, clearance, linea
 from framework.kinematics.loop_structure import assemble_mechanism, numerical_rank, rounded_gap
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.modes import mode_signs
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import ArrayLike, Names
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, HELD_IDLE, RANK_ROUNDING
@@ -79,7 +79,6 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
         SingularReference: the loops are nearly singular both at the reference and beside it.
     """
-    expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
     mobility = count_freedoms(robot)
     axes = examine_platform_axes(robot, mobility.working - len(mobility.loose))
@@ -334,7 +333,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
     """
-    expect_robot(robot)
     closed = assembled_at(robot, q)
     working_sign, assembly_sign = (int(sign[0]) for sign in mode_signs(robot, closed))
     motors = robot.actuated_coordinates(closed.q)[0]

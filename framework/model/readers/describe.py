@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -161,7 +161,15 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
 
     left_out = unread_effects(tree)
     description = replace(completed.description, urdf_text=urdf_text(tree), left_out=left_out)
-    remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
+    idle = [
+        item
+        for item in tree.left_out
+        if item.is_decisive and not any(is_moved(tree, x) for x in item.acts_on)
+    ]
+    omissions = [f"not used, since it does not move: {item.what}" for item in idle]
+    if tree.unused:
+        omissions.append("not used: " + ", ".join(f"{count} {kind}" for kind, count in tree.unused.items()))
+    remarks = (*omissions, *tree.remarks, *completed.remarks)
     return ParsedRobot(description, tree, dialect, remarks, reference)
 
 
@@ -215,15 +223,6 @@ def _is_moving(tree: UrdfTree, frames: tuple[str, str]) -> bool:
     """Return whether a joint moves between two frames."""
     first, second = frames
     return any(tree.moving_chains(tree.link_of(first), tree.link_of(second)))
-
-
-def _remarks_on_omissions(tree: UrdfTree) -> Iterator[str]:
-    """Yield remarks on decisive elements that act on fixed parts alone, and on unused tags."""
-    for item in tree.left_out:
-        if item.is_decisive and not any(is_moved(tree, name) for name in item.acts_on):
-            yield f"not used, since it does not move: {item.what}"
-    if tree.unused:
-        yield "not used: " + ", ".join(f"{count} {kind}" for kind, count in tree.unused.items())
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:

@@ -206,7 +206,11 @@ class _Model:
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
         for k, origin in enumerate(_placements(model.geom_pos, model.geom_quat)):
             if shape := _SHAPE_OF_GEOM.get(member_name("mjtGeom", model.geom_type[k])):
-                links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
+                size = model.geom_size[k]  # half edges of a box, else radius and half length
+                texts = {"size": vector_text(2 * size), "radius": repr(float(size[0]))}
+                texts["length"] = repr(2 * float(size[1]))
+                sizes = {key: texts[key] for key in SIZES_OF_SHAPES[shape]}
+                links[model.geom_bodyid[k]].append(visual_element(shape, sizes, origin))
         return tree
 
     def _joints_of_body(self, k: int, origin: Array) -> tuple[list[Joint], Array]:
@@ -491,16 +495,3 @@ def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics
     if rest is None:
         return replace(dynamics, stiffness=0.0)
     return replace(dynamics, rest=float(rest)) if dynamics.stiffness else dynamics
-
-
-def _make_visual(shape: str, size: Array, origin: Array) -> Element:
-    """Return the URDF's `<visual>` of a primitive geom at a placement `origin` (4, 4) in the link.
-
-    MuJoCo's `size` (3,) [m] has half edges of a box, else radius and half length.
-    """
-    texts = {
-        "size": vector_text(2 * size),
-        "radius": repr(float(size[0])),
-        "length": repr(2 * float(size[1])),
-    }
-    return visual_element(shape, {key: texts[key] for key in SIZES_OF_SHAPES[shape]}, origin)

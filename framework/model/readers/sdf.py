@@ -164,20 +164,21 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     for joint in joints:
         if joint.name in tree_names:
             tree.couplings += _read_couplings(joint, tree.movable)
-            tree.reference |= _read_initial_positions(joint, tree.movable)
+            for tag, suffix in _SUFFIXES.items():  # where each motion begins [rad, m], as Drake reads it
+                path, name = f"{tag}/initial_position", f"{joint.name}{suffix}"
+                if name in tree.movable and joint.element.find(path) is not None:
+                    (tree.reference[name],) = _read_values(
+                        joint.element, f"joint {joint.name!r}", {path: "0"}
+                    )
         else:
             close_joint(tree, joint)
-            _report_cut_properties(tree, joint)
+            # what the joint has beside its motion acts on its child, which the closure does not tell
+            has_dynamics = any(motion.dynamics != JointDynamics() for motion in joint.motions)
+            properties = {"dynamics": has_dynamics, "mimic": _has_property(joint.element, "mimic")}
+            for name in filter(properties.get, properties):
+                text = f"joint {joint.name!r}: its {name}, where the loop is cut"
+                tree.left_out.append(UnreadElement(text, joint.links[1:]))
     return describe(tree, file, options, "sdf")
-
-
-def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
-    """Report dynamics and mimic of a joint that becomes a closure, as acting on its child."""
-    has_dynamics = any(motion.dynamics != JointDynamics() for motion in joint.motions)
-    properties = {"dynamics": has_dynamics, "mimic": _has_property(joint.element, "mimic")}
-    for name in filter(properties.get, properties):
-        text = f"joint {joint.name!r}: its {name}, where the loop is cut"
-        tree.left_out.append(UnreadElement(text, joint.links[1:]))
 
 
 def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
@@ -299,19 +300,6 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
 def _has_property(joint: Element, *properties: str) -> bool:
     """Return whether an axis of a joint has a child with a tag in `properties`."""
     return any(joint.find(f"{axis}/{tag}") is not None for axis in _SUFFIXES for tag in properties)
-
-
-def _read_initial_positions(joint: _Joint, names: Sequence[str]) -> dict[str, float]:
-    """Read the positions [rad, m] of a joint's motions in <initial_position>, as Drake does.
-
-    `names` are those of all motions; the axis of a fixed joint has none.
-    """
-    positions = {}
-    for tag, suffix in _SUFFIXES.items():
-        path, name = f"{tag}/initial_position", f"{joint.name}{suffix}"
-        if name in names and joint.element.find(path) is not None:
-            (positions[name],) = _read_values(joint.element, f"joint {joint.name!r}", {path: "0"})
-    return positions
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:

@@ -21,7 +21,6 @@ all errors of the series lower it: no proof relies on the solver that found the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -206,21 +205,17 @@ class DualProgram:
             draft.sizes, draft.cost, equal=draft.equal, nonnegative=draft.nonnegative, cones=draft.cones
         )
         optimum = solve_cone_program(program)
-        return None if isinstance(optimum, Unsolved) else self._from_unknowns(optimum)
+        if isinstance(optimum, Unsolved):
+            return None
 
-    def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
-        """Return the multipliers of a solution, times their units; zero if not among the unknowns.
-
-        Multipliers that must not be negative are raised to zero, since the solver may return slightly
-        negative ones.
-        """
+        # the multipliers: unknowns times their units. The solver may return slightly negative ones
         count = len(self.series.width)
-        x = np.reshape(self._x_coefficients @ unknowns["x"], (count, MULTIPLIER_DEGREE + 1, -1))
-        mu = unknowns.get("mu", np.zeros(0)).reshape(-1, count).T * self._mu_unit
-        minorant = unknowns.get("minorant", np.zeros(2 * count)).reshape(count, 2)
-        minorant = self.p_unit * self._slowness**3 * minorant
-        (lam,) = self._lambda_unit * unknowns.get("lam", np.zeros(1))
-        return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
+        x = np.reshape(self._x_coefficients @ optimum["x"], (count, MULTIPLIER_DEGREE + 1, -1))
+        mu = optimum.get("mu", np.zeros(0)).reshape(-1, count).T * self._mu_unit
+        minorant = optimum.get("minorant", np.zeros(2 * count)).reshape(count, 2)
+        (lam,) = self._lambda_unit * optimum.get("lam", np.zeros(1))
+        scaled_minorant = self.p_unit * self._slowness**3 * minorant
+        return Multipliers(x, np.maximum(mu, 0.0), scaled_minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
         """Add the multipliers nu = sum of x_i v_i of the m torques: unknowns x, and t >= |nu|.

@@ -196,23 +196,27 @@ class ElasticSearch:
         """
         failure: NoAnswer | None = None  # the first one
         least_excess = np.inf
-        former: tuple[Start, Best] | None = None
+        former_start: Start | None = None
+        former_law: Best | None = None
         is_deformed = self.task.follows_balance
         is_series = True  # whether z may be one series; lower caps leave no more of these
         for start in self.starts:
             if start.degree is not None and not is_series:
                 continue
             try:
-                law = self._find_first_law(start, former and former[1])
+                law = self._find_first_law(start, former_law)
             except (NoLaw, NotConverged) as reason:
                 if not start.is_open:
                     is_series = False
                     continue
                 failure = failure or reason
                 break
-            if former is not None and _repeats(start, law, *former):
-                continue
-            former = start, law
+            # with a larger share alone, a law of the same cost is the former one, whose motion failed
+            if former_start is not None and former_law is not None:
+                differs_in_share = start._replace(share=former_start.share) == former_start
+                if differs_in_share and abs(law.cost / former_law.cost - 1.0) < PEAK_TORQUE_MISMATCH:
+                    continue
+            former_start, former_law = start, law
             is_found = False
             try:
                 for iterate in self._improve(law) if is_deformed else self._keep_limits(start, law):
@@ -500,14 +504,3 @@ def _is_near_least(law: Best) -> bool:
     return isinstance(least, NoneFound) or law.cost < (1.0 + WORTHWHILE_GAP) * cost_of(
         law.search.goal, least.speed
     )
-
-
-def _repeats(start: Start, law: Best, former_start: Start, former_law: Best) -> bool:
-    """Return whether a start's law is that of a former start once more, whose motion failed.
-
-    The starts may differ in the share alone. If both laws cost the same, up to PEAK_TORQUE_MISMATCH, the
-    smoothest law needs no larger share.
-    """
-    if start._replace(share=former_start.share) != former_start:
-        return False
-    return abs(law.cost / former_law.cost - 1.0) < PEAK_TORQUE_MISMATCH

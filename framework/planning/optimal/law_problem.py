@@ -123,10 +123,6 @@ class LawProblem(NamedTuple):
         task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
 
-    def drop_stops(self) -> LawProblem:
-        """Return the problem without the required instants inside the path."""
-        return self.with_goal(self.specification.goal, times=())._replace(stops=())
-
     @property
     def averaging_time(self) -> float | None:
         """The time [s] over which squared torques are averaged; None if open, before a law."""
@@ -288,7 +284,7 @@ def motor_rows(
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)  # torques, speeds over d sigma/dt, and internal torques of the motors
     z0 = problem.z0 if problem.z0 is not None and problem.task.robot.is_damped else None
-    c, cz, cu = required.linearise_damping(None if z0 is None else z0(sigma))
+    c, cz, cu = required.torque.with_damping(required.damping, None if z0 is None else z0(sigma))
     c = c + required.friction(problem.specification.friction)
 
     # z and u as rows (M, n) on the coefficients of z
@@ -322,9 +318,7 @@ def _rows_of_response(
         basis: the functions of xi whose combination is z.
     """
     specification = problem.specification
-    speed = response.speed(xi)
-    torque = response.torque(xi)
-    slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
+    torque, slopes, speed = response.evaluate_motors(xi)  # (M, n_a), (M, n_a, n), (M, n_a)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     motors = range(torque.shape[1])
     torques = tuple(Affine(SparseRows.of(slopes[:, j]), offset[:, j]) for j in motors)
@@ -431,7 +425,7 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
 
 def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z, of unit size.
+    """Return the conditions of ends in motion as orthonormal rows (k, n) on the coefficients of z.
 
     The derivatives s' ... s^(R) by time at such an end, where phi' > 0, determine R derivatives of sigma by
     time, and so z and its first R - 1 derivatives by sigma. R is the number of derivatives that torques
@@ -454,9 +448,12 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
         matrix = np.array(compose_derivatives(by_xi, xi_slopes))  # (R, n) of z by sigma
         derivatives = specification.ends.derivatives(R)[sigma]  # (R,) s' ... s^(R)
         targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)  # (R,) of z by sigma
+        # matrix' = Q R turns the rows into Q' y = R'^-1 targets: the solver stalls on those of high
+        # derivatives, which are nearly parallel
         sizes = np.abs(matrix).max(axis=1)
-        rows.append(matrix / sizes[:, None])
-        values.append(targets / sizes)
+        Q, R_factor = np.linalg.qr((matrix / sizes[:, None]).T)
+        rows.append(Q.T)
+        values.append(np.linalg.solve(R_factor.T, targets / sizes))
     return Affine(SparseRows.of(np.concatenate(rows)), -np.concatenate(values))
 
 

@@ -52,7 +52,11 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     """
     program = SpeedProgram.on_cells(problem, first_cells(problem))
     unit = duration**-2
-    conditions = _scale_conditions(program.conditions, unit)
+    # conditions on y / unit, each row scaled to a largest entry of 1, for the solver
+    sizes = program.conditions.matrix.largest()  # (k,)
+    sizes[sizes == 0.0] = 1.0  # of a condition that every law meets
+    matrix, offset = program.conditions
+    conditions = AffineRows({"y": matrix.scale(1.0 / sizes)}, offset / (unit * sizes))
 
     # rho = slopes y + offset at the M points, divided by what makes the rows' entries small for the solver
     try:
@@ -83,18 +87,6 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     worst = np.array([rho.argmax()])
     s = problem.task.phi(problem.sigma(program.xi[worst]))
     return LeastSoftening(float(s[0]), float(rho.max()))
-
-
-def _scale_conditions(conditions: Affine, unit: float) -> AffineRows:
-    """Return conditions (k, n) on y / unit, each row scaled to a largest entry of 1, for the solver.
-
-    Args:
-        conditions: rows matrix y + offset = 0, with y in 1/s^2.
-        unit: of y [1/s^2].
-    """
-    sizes = conditions.matrix.largest()  # (k,)
-    sizes[sizes == 0.0] = 1.0  # of a condition that every law meets
-    return AffineRows({"y": conditions.matrix.scale(1.0 / sizes)}, conditions.offset / (unit * sizes))
 
 
 def _softening_rows(task: Task, program: SpeedProgram) -> Affine:

@@ -52,27 +52,31 @@ class LimitCurves(NamedTuple):
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
     """Compute the limits of s' and s" along a plan; without torque limits, its peak torque is the limit."""
-    torque_limit, speed_limit = _choose_limits(plan)
+    robot = plan.robot
     times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
-    required = _motor_demand(plan, s)
-    limits = torque_limit
-    if plan.optimality is not None and plan.optimality.specification.shares_freely:
-        required, limits = _combine_torques(required, torque_limit, plan.robot.n_a - plan.robot.n)
-    lowest, highest = _bound_acceleration(required, speed, limits)
-    fastest = highest_speed(required, limits, speed_limit)
-    return LimitCurves(s, speed, acceleration, fastest, lowest, highest, torque_limit)
-
-
-def _motor_demand(plan: CrossingPlan, s: Array) -> Demand:
-    """Compute torques and speeds of the undeformed robot's motors at s (T,), dry friction included."""
-    robot = plan.robot
+    # demand on the undeformed robot's motors at s (T,), with dry friction
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
     required = demand(branch, Smoothstep(0), s)  # Smoothstep(0) is the identity: sigma = s
     friction = required.friction(motor_friction(robot, plan.request.friction))
     torque = required.torque._replace(constant=required.torque.constant + friction)
-    return required._replace(torque=torque)
+    required = required._replace(torque=torque)
+
+    torque_limit = np.full(robot.n_a, max(plan.peak_torque.values()))
+    speed_limit = np.full(robot.n_a, np.inf)
+    shares_freely = False
+    if plan.optimality is not None:
+        specification = plan.optimality.specification
+        torque_limit = specification.torque_limit if specification.limited else torque_limit
+        speed_limit = specification.speed_limit
+        shares_freely = specification.shares_freely
+    limits = torque_limit
+    if shares_freely:
+        required, limits = _combine_torques(required, torque_limit, robot.n_a - robot.n)
+    lowest, highest = _bound_acceleration(required, speed, limits)
+    fastest = highest_speed(required, limits, speed_limit)
+    return LimitCurves(s, speed, acceleration, fastest, lowest, highest, torque_limit)
 
 
 def _combine_torques(required: Demand, limit: Array, r: int) -> tuple[Demand, Array]:
@@ -101,19 +105,6 @@ def _combine_torques(required: Demand, limit: Array, r: int) -> tuple[Demand, Ar
     torque = AffineInSpeed(*(np.matvec(weights, part) for part in required.torque))
     damping = np.matvec(weights, required.damping)
     return required._replace(torque=torque, damping=damping), np.ones(len(subsets))
-
-
-def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
-    """Return limits (n_a,) of torque [N m] and speed [rad/s].
-
-    Without any torque limit, the plan's peak torque is the limit of all motors.
-    """
-    unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
-    if plan.optimality is None:
-        return unlimited, np.full(plan.robot.n_a, np.inf)
-    specification = plan.optimality.specification
-    torque_limit = specification.torque_limit if specification.limited else unlimited
-    return torque_limit, specification.speed_limit
 
 
 def _choose_instants(plan: CrossingPlan) -> Array:

@@ -13,6 +13,8 @@ mean of z. It has no unit, and grows slowly, so that one weight serves rough and
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from framework.numerics.arrays import Array
@@ -29,8 +31,6 @@ SMOOTHNESS_WEIGHT, INERTIA_FACTOR = 8e-4, 2.0  # the factor if springs carry ine
 ROUGHNESS_POWER, MODERATE_ROUGHNESS = 0.25, 100.0
 MAX_PROGRAMS, SETTLED_COST = 5, 1e-3  # about one motion; relative change of the cost in the last of these
 TOLERANCE = 1e-7  # of a program
-
-Model = tuple[dict[str, Array], AffineRows]  # linear cost and square rows, of `SpeedProgram.minimise`
 
 
 def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
@@ -49,25 +49,27 @@ def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
     program = SpeedProgram.on_cells(problem, best.program.cells)
     speed = program.evaluate_speed(problem.response.y)
     units = Units(speed.duration, 1.0 if specification.limited else speed.peak)
-    is_required = np.isfinite(problem.stages)
+    is_required = np.isfinite(problem.stages)  # (m,)
     longest = None if goal == "time" else specification.longest or best.search.duration_limit
     stages = problem.bound_stages(longest)
     if stages is not None:  # required durations are tangents
         stages = np.where(is_required, np.inf, stages)
     bounds = Bounds(stages if stages is not None and np.isfinite(stages).any() else None)
 
-    def solve(program: SpeedProgram, former: Speed, model: Model) -> Speed | Unsolved:
-        """Solve the program with a model about a former law, and the tangents of required durations there."""
+    def solve(about: Array, smoothness: float) -> Speed | Unsolved:
+        """Solve the program with models of cost and required durations about y (n,)."""
+        model = _model_cost(program, about, units, smoothness)
+        tangents = (about, problem.stages, True) if is_required.any() else None
         rows = "peak_torque" if goal == "peak_torque" else "curvature"
-        about = (former.y, problem.stages, True) if is_required.any() else None
-        return program.minimise(rows, bounds, units, about=about, tolerance=TOLERANCE, model=model)
+        return program.minimise(rows, bounds, units, about=tangents, tolerance=TOLERANCE, model=model)
 
     # at first, rows where the motion itself is near to a limit or its peak
     exceeded = find_exceeded_places(program, speed, Bounds(peak=(1.0 - 2.0 * LIMIT_MARGIN) * speed.peak))
+    weight = SMOOTHNESS_WEIGHT * (INERTIA_FACTOR if problem.response.holds_rest else 1.0)
     for _ in range(MAX_PROGRAMS):
         program = program.extend(exceeded) if len(exceeded) else program
         former = speed
-        found = solve(program, former, _model_cost(program, former.y, units))
+        found = solve(former.y, weight)
         if isinstance(found, Unsolved) or not np.isfinite(found.duration):
             return NoneFound(program, found.status if isinstance(found, Unsolved) else "z is not positive")
         speed = found
@@ -76,7 +78,7 @@ def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
         is_settled = abs(cost_of(goal, speed) / cost_of(goal, former) - 1.0) < SETTLED_COST
         if is_settled and not len(exceeded):
             break
-    least = solve(program, speed, _model_cost(program, speed.y, units, smoothness=0.0))
+    least = solve(speed.y, 0.0)
     if isinstance(least, Unsolved) or cost_of(goal, least) > cost_of(goal, speed):
         least = speed
     least = least._replace(least_duration=least.duration)
@@ -88,43 +90,44 @@ def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
 
 
 def _model_cost(
-    program: SpeedProgram, y_0: Array, units: Units, smoothness: float = SMOOTHNESS_WEIGHT
-) -> Model:
-    """Return linear cost and square rows on y of goal and roughness about y_0 (n,)."""
+    program: SpeedProgram, y_0: Array, units: Units, smoothness: float
+) -> tuple[dict[str, Array], AffineRows]:
+    """Return linear cost and square rows on y, for `SpeedProgram.minimise`, of goal and roughness about y_0.
+
+    Args:
+        smoothness: weight of the roughness.
+    """
     problem = program.problem
-    assert problem.response is not None
     weights = program.weights[1:-1]  # (P,)
     z_0 = program.z @ y_0  # (P,) [1/s^2]
     relative = program.z.scale(1.0 / (z_0 * units.time**2))  # (P, n) rows of z / z_0
     time = weights * z_0**-0.5  # (P,) [s]
-    cost = dict[str, Array]()
     # roughness: the derivative of weight r^power is that of weight power r_0^(power - 1) r
-    bends = program.bends  # (P, n)
     squared_mean = float(weights @ z_0) ** 2
-    roughness = float(np.sum((bends @ y_0) ** 2)) / squared_mean + 1.0  # 1 of a straight z
-    weight = smoothness * (INERTIA_FACTOR if problem.response.holds_rest else 1.0)
-    weight *= ROUGHNESS_POWER * (roughness / MODERATE_ROUGHNESS) ** ROUGHNESS_POWER / roughness
-    matrix = bends * (np.sqrt(weight / squared_mean) / units.time**2)
-    offset = np.zeros(len(weights))
+    roughness = float(np.sum((program.bends @ y_0) ** 2)) / squared_mean + 1.0  # 1 of a straight z
+    weight = smoothness * ROUGHNESS_POWER * (roughness / MODERATE_ROUGHNESS) ** ROUGHNESS_POWER / roughness
+    bends = program.bends * (np.sqrt(weight / squared_mean) / units.time**2)
+    squares = [(bends, np.zeros(len(z_0)))]  # rows (P, n) and constants (P,)
 
-    def add_squares(rows: SparseRows, constant: Array, root: Array) -> None:
-        """Add the squares of root (P,) times rows (P, n) plus constant (P,)."""
-        nonlocal matrix, offset
-        matrix = matrix.append(rows.scale(root))
-        offset = np.append(offset, root * constant)
-
+    cost = dict[str, Array]()
     if problem.specification.goal == "time":
         share = time / time.sum()
+        root = np.sqrt(0.375 * share)
         cost["y"] = -0.5 * share @ relative
-        add_squares(relative, -np.ones(len(share)), np.sqrt(0.375 * share))
+        squares.append((relative.scale(root), -root))
     elif problem.specification.goal == "energy":
-        inner = slice(1, len(time) + 1)
-        torques = [torque(y_0)[inner] for torque in program.rows.torque] / problem.reference[:, None]
-        energy = time @ (torques**2).sum(axis=0)
-        for T_0, (by_y, rest), reference in zip(torques, program.rows.torque, problem.reference, strict=True):
-            change = by_y[inner] / (reference * units.time**2) + relative.scale(-0.5 * T_0)
-            add_squares(change, rest[inner] / reference + 0.5 * T_0, np.sqrt(time / energy))
-            add_squares(relative, np.ones(len(time)), np.sqrt(time / (8.0 * energy)) * T_0)
+        torques = [
+            (matrix[1 : len(time) + 1] / reference, offset[1 : len(time) + 1] / reference)
+            for (matrix, offset), reference in zip(program.rows.torque, problem.reference, strict=True)
+        ]  # over the reference, (P, n) and (P,) of each motor
+        values = [matrix @ y_0 + offset for matrix, offset in torques]  # T_0 (P,)
+        root = np.sqrt(time / (time @ np.sum(np.square(values), axis=0)))
+        for T_0, (matrix, offset) in zip(values, torques, strict=True):
+            change = matrix / units.time**2 + relative.scale(-0.5 * T_0)
+            squares.append((change.scale(root), root * (offset + 0.5 * T_0)))
+            root_of_second = root * T_0 / np.sqrt(8.0)
+            squares.append((relative.scale(root_of_second), root_of_second))
     else:
         cost["peak"] = np.array([units.torque / program.evaluate_speed(y_0).peak])
-    return cost, AffineRows({"y": matrix}, offset)
+    matrices, constants = zip(*squares, strict=True)
+    return cost, AffineRows({"y": reduce(SparseRows.append, matrices)}, np.concatenate(constants))

@@ -16,7 +16,7 @@ from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_search import ElasticSearch
 from framework.planning.optimal.optimal_task import Task, check_single_crossings, check_speeds
-from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
+from framework.planning.optimal.undeformed_law import adapt_found_law, find_undeformed_law
 from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence, advice_of
 from framework.planning.request import limit_excess
 
@@ -174,10 +174,10 @@ def _find_motion(task: Task) -> OptimalMotion:
             "optimal laws of elastic robots with damping are not supported with geometry rigid",
             name=robot.name,
         )
-    check_speeds(task)
     if robot.n_e:
+        check_speeds(task)
         return ElasticSearch.of(task).find_motion()
-    best = find_law(task)
+    best = find_undeformed_law(task)
     for share in RIGID_SHARES:
         try:
             return _certify_law(task, best)

@@ -119,119 +119,66 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
         edges: edges (k + 1,) of the cells in s, all knots among them.
     """
     for _ in range(MAX_CUTS):
-        fit = _fit_series(task, reference, edges)
-        to_cut = ~fit.is_resolved | fit.reverses
+        series, is_resolved, reverses = _fit_series(task, reference, edges)
+        to_cut = ~is_resolved | reverses
         if not to_cut.any() or len(edges) > MAX_RESOLVED_CELLS:
             break
         edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
     # a motor may still reverse in a narrow cell: the friction error of that cell covers it
-    return fit.series if fit.is_resolved.all() else None
+    return series if is_resolved.all() else None
 
 
-class _Fit(NamedTuple):
-    """The functions on k cells, and the cells that need cutting."""
-
-    series: PathSeries
-    is_resolved: BoolArray  # (k,)
-    reverses: BoolArray  # (k,) whether a motor with dry friction reverses in the cell
-
-
-def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
-    """Fit the functions of `PathSeries` on cells: v_i, v_i . c, v_i . cz, v_i . d and squared speeds.
+def _fit_series(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
+    """Fit the functions of `PathSeries` on k cells: v_i, v_i . c, v_i . cz, v_i . d and squared speeds.
 
     Args:
         reference: torques (n_a,) [N m] by which torques are divided; infinite for motors that are left out.
         edges: edges (k + 1,) of the cells in s.
-    """
-    samples = _sample_cells(task, reference, edges)
-    # e_i (k, l - 1, m) and v_i (k, NODES, l, m)
-    directions, v = _multiplier_basis(samples.per_u, samples.internal)
-    torques = (samples.constant, samples.per_z, samples.damping)
-    products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, l) v_i . torque
-    # a path without centrifugal torques has rounding in their place, which no cell resolves
-    sizes = np.linalg.norm(v, axis=3) * np.linalg.norm(samples.per_u, axis=2)[..., None]
-    largest = np.abs(products[1]).max(axis=1)  # (k, l)
-    rounding = np.where(largest <= TORQUE_ROUNDING * sizes.max(axis=1), largest, 0.0)
-    products[1] = np.where(rounding[:, None] > 0.0, 0.0, products[1])
-    values = (v, *products, samples.speed_ratio**2)
-    functions, masks = zip(*map(fit_bernstein, values), strict=True)  # masks (k,) of resolved cells
-    series = PathSeries(edges, directions, *functions)  # functions are in the order of its fields
-    # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
-    largest_v = np.abs(v).max(axis=1)  # (k, l, m)
-    error = (largest_v @ samples.friction_error[..., None])[..., 0]
-    series = series._replace(
-        constant=series.constant._replace(error=series.constant.error + error),
-        per_z=series.per_z._replace(error=series.per_z.error + rounding),
-    )
-    is_resolved = np.asarray(np.all(masks, axis=0))
-    reverses = np.asarray(samples.friction_error.any(axis=1))
-    return _Fit(series, is_resolved, reverses)
 
-
-class _Samples(NamedTuple):
-    """Torques over their reference, and speeds, at the nodes of k cells.
-
-    The torques of the m motors with a reference are c + cz z + cu u + d sqrt(z); n motors have a speed limit.
-    """
-
-    constant: Array  # (k, NODES, m) c, with the mean dry friction of each cell
-    per_z: Array  # (k, NODES, m) cz
-    damping: Array  # (k, NODES, m) d
-    per_u: Array  # (k, NODES, m) cu
-    speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits
-    friction_error: Array  # (k, m) error of c, because the friction is its mean; 0 unless a motor reverses
-    internal: Array | None  # (k, NODES, m, r) bases of internal torques; None without redundant motors
-
-
-def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
-    """Sample torques over their reference, and speeds over their limits, at the nodes of each cell.
-
-    Args:
-        reference: torques (n_a,) [N m] by which torques are divided; infinite for motors that are left out.
-        edges: edges (k + 1,) of the cells in s.
+    Returns:
+        The functions; masks (k,) of cells on which they resolve, and in which a motor with friction reverses.
     """
     specification = task.specification
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     required = demand(task.branch, Smoothstep(0), s)  # Smoothstep(0) is the identity: sigma = s
-    friction, friction_error = _mean_friction(required, specification.friction)
-    torque = required.torque
-    # the parts c, cz, d and cu of the torque c + cz z + cu u + d sqrt(z)
-    torques = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
-    constant, per_z, damping, per_u = (_finite_ratio(_split_by_cell(part), reference) for part in torques)
-    speed_ratio = _finite_ratio(_split_by_cell(required.speed), specification.speed_limit)
-    error = _finite_ratio(friction_error, reference)
+
+    def split(values: Array, limit: Array) -> Array:
+        """Return values (k NODES, n_a) over limits (n_a,) by cell, (k, NODES, m) of the m motors with any."""
+        return (values / limit).reshape(-1, NODES, len(limit))[..., np.isfinite(limit)]
+
+    # the torque c + cz z + cu u + d sqrt(z), with the mean dry friction of a cell in c. A constant is a
+    # series; friction jumps by twice its size where a motor reverses. Two reversals between neighbouring
+    # nodes remain unseen, as in plans
+    friction = split(required.friction(specification.friction), reference)
+    c = split(required.torque.constant, reference) + friction.mean(axis=1, keepdims=True)
+    cz, cu, d = (
+        split(part, reference) for part in (required.torque.per_z, required.torque.per_u, required.damping)
+    )
+    sizes_of_friction = (specification.friction / reference)[np.isfinite(reference)]  # (m,)
+    friction_error = np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * sizes_of_friction, 0.0)  # (k, m) of c
     internal = None
     if required.internal is not None:
-        robot = task.robot
-        frames = internal_frames(required.internal, robot.n_a - robot.n).swapaxes(1, 2)  # (k NODES, r, n_a)
-        internal = _finite_ratio(frames, reference).swapaxes(1, 2)
-        internal = internal.reshape(-1, NODES, *internal.shape[1:])
-    return _Samples(constant, per_z, damping, per_u, speed_ratio, error, internal)
+        frames = internal_frames(required.internal, task.robot.n_a - task.robot.n)  # (k NODES, n_a, r)
+        internal = np.stack([split(frame, reference) for frame in np.moveaxis(frames, 2, 0)], axis=3)
 
-
-def _finite_ratio(values: Array, limit: Array) -> Array:
-    """Return values (..., n_a) over limits (n_a,), without the motors whose limit is infinite."""
-    return (values / limit)[..., np.isfinite(limit)]
-
-
-def _split_by_cell(values: Array) -> Array:
-    """Reshape values (k NODES, n) to (k, NODES, n)."""
-    return values.reshape(-1, NODES, values.shape[-1])
-
-
-def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
-    """Compute mean dry friction (k NODES, n_a) [N m] of each cell, and errors (k, n_a).
-
-    A constant on the cell is a series; the friction itself, which jumps where a motor reverses, is not. The
-    error is then 2 size. Two reversals between neighbouring nodes remain unseen, as in plans.
-
-    Args:
-        required: gives the directions of the motors.
-        size: dry friction (n_a,) [N m].
-    """
-    friction = _split_by_cell(required.friction(size))
-    mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
-    return mean, np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * size, 0.0)
+    # e_i (k, l - 1, m), v_i (k, NODES, l, m) and v_i . torque (k, NODES, l)
+    directions, v = _multiplier_basis(cu, internal)
+    v_c, v_cz, v_d = (np.matvec(v, torque) for torque in (c, cz, d))
+    # a path without centrifugal torques has rounding in their place, which no cell resolves
+    sizes = np.linalg.norm(v, axis=3) * np.linalg.norm(cu, axis=2)[..., None]
+    largest = np.abs(v_cz).max(axis=1)  # (k, l)
+    rounding = np.where(largest <= TORQUE_ROUNDING * sizes.max(axis=1), largest, 0.0)
+    v_cz = np.where(rounding[:, None] > 0.0, 0.0, v_cz)
+    squared_speed = split(required.speed, specification.speed_limit) ** 2
+    functions, masks = zip(*map(fit_bernstein, (v, v_c, v_cz, v_d, squared_speed)), strict=True)
+    series = PathSeries(edges, directions, *functions)  # functions are in the order of its fields
+    # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
+    error = np.matvec(np.abs(v).max(axis=1), friction_error)  # (k, l)
+    series = series._replace(
+        constant=series.constant._replace(error=series.constant.error + error),
+        per_z=series.per_z._replace(error=series.per_z.error + rounding),
+    )
+    return series, np.asarray(np.all(masks, axis=0)), np.asarray(friction_error.any(axis=1))
 
 
 def _multiplier_basis(per_u: Array, internal: Array | None) -> tuple[Array, Array]:

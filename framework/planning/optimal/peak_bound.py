@@ -154,7 +154,9 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
         reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
         timed: whether the duration is bounded instead of the peak.
     """
-    if not _has_bound(task, reference):
+    robot = task.robot
+    counts_enough = np.isfinite(reference).sum() > robot.n_a - robot.n  # more motors than redundant ones
+    if not counts_enough or _find_exclusion(robot, task.to_cross.points):
         return None
     longest = None if timed else task.specification.max_duration
     start_speed, goal_speed = task.specification.ends.derivatives(1)[:, 0]
@@ -200,18 +202,6 @@ def _find_exclusion(robot: ParallelRobot, points: Sequence[SingularPoint]) -> st
     if any(point.contact == "tangential" for point in points):
         return "paths that touch the locus"
     return ""
-
-
-def _has_bound(task: Task, reference: Array) -> bool:
-    """Return whether bounds of a task are known, for more motors that count than redundant ones.
-
-    Args:
-        reference: torques (n_a,) [N m]; infinite for motors that do not count.
-    """
-    robot = task.robot
-    if np.isfinite(reference).sum() <= robot.n_a - robot.n:
-        return False
-    return not _find_exclusion(robot, task.to_cross.points)
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:

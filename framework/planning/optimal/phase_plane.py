@@ -120,10 +120,6 @@ class Demand(NamedTuple):
         affine = AffineInSpeed.transform(phi, sigma, torque)
         return Demand(affine, torque.damping * dphi, speed * dphi, speed if friction else None, internal)
 
-    def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
-        """Return the torques with damping linearised about z0 (M,) [1/s^2]; None leaves damping out."""
-        return self.torque.with_damping(self.damping, z0)
-
     def friction(self, size: Array) -> Array:
         """Return torques (M, n_a) [N m] of dry friction, with the signs of the motor speeds.
 

@@ -135,10 +135,11 @@ class SmoothSearch(NamedTuple):
         own = self.bounds
         problem = self.program.problem
         if not np.isfinite(problem.stages).any():
-            return self, self._solve_above_floor(own, similar=similar)[0]
+            return self, self._solve_above_floor(own, similar=similar)
         starts = [] if similar is None else [similar]
         if problem.stops:  # the law that meets the last instant alone may nearly meet the others
-            free = replace(self.program, problem=problem.drop_stops())
+            without_stops = problem.with_goal(self.goal, times=())._replace(stops=())
+            free = replace(self.program, problem=without_stops)
             _, law = self._replace(program=free).find_smooth()
             if isinstance(law, Speed):
                 starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
@@ -176,9 +177,9 @@ class SmoothSearch(NamedTuple):
             similar: a law whose floor serves, too.
             goal: of `SpeedProgram.minimise`.
         """
-        quick, _floor = self._solve_above_floor(bounds, goal, similar)
+        quick = self._solve_above_floor(bounds, goal, similar)
         if isinstance(quick, NoneFound) and similar is not None:  # above another floor there may be one
-            quick, _floor = self._solve_above_floor(bounds, goal)
+            quick = self._solve_above_floor(bounds, goal)
         if isinstance(quick, NoneFound):
             return quick
         law = self.adjust(quick, BLENDED_DURATION)  # which costs no more than that
@@ -389,8 +390,8 @@ class SmoothSearch(NamedTuple):
 
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
-    ) -> tuple[Speed | NoneFound, float]:
-        """Solve with a lower bound of z; return the law and this floor [1/s^2].
+    ) -> Speed | NoneFound:
+        """Solve with a lower bound of z, the floor of the law [1/s^2].
 
         The floors SQUARED_SPEED_FLOORS are tried in turn, the highest first, in units of
         1 / longest duration^2. With a similar law that has a floor, only the one nearest to its own is tried;
@@ -403,7 +404,7 @@ class SmoothSearch(NamedTuple):
             similar: the speed of a similar law, with its floor.
         """
         if bounds.longest is None:
-            return NoneFound(self.program, "no duration was found"), 0.0
+            return NoneFound(self.program, "no duration was found")
         status = ""
         floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest.sum() ** 2  # the highest first
         if similar is not None and similar.floor > 0.0:
@@ -413,15 +414,10 @@ class SmoothSearch(NamedTuple):
             if isinstance(law, Unsolved):
                 status = law.status
             elif np.isfinite(law.duration):
-                return law, floor
+                return law
             else:
-                return NoneFound(self.program, "z is not positive"), 0.0
-        return NoneFound(self.program, status), 0.0
-
-    @property
-    def _positive_sigma(self) -> Array:
-        """The points sigma (m,) of the rows that keep z positive."""
-        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive_xi, -1.0, 1.0))
+                return NoneFound(self.program, "z is not positive")
+        return NoneFound(self.program, status)
 
     def _choose_waits(self, width: float, goal: str) -> Iterator[BoolArray]:
         """Yield masks (m, points) of intervals of the required stages in which a law may wait.
@@ -435,7 +431,8 @@ class SmoothSearch(NamedTuple):
             goal: of the law.
         """
         problem = self.program.problem
-        sigma = self._positive_sigma
+        positive_xi = np.clip(self.program.positive_xi, -1.0, 1.0)
+        sigma = problem.task.stretch.inverse(positive_xi)  # (points,)
         cost = self._holding_cost(sigma)
         is_minimum = np.pad((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]), 1)
         edges = np.array([0.0, *problem.stops, 1.0])

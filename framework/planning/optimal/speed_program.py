@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.drive_limits import DriveLimits
 from framework.dynamics.torque_distribution import second_differences
 from framework.laws.squared_speed import SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
@@ -211,11 +210,6 @@ class SpeedProgram:
             x=SparseRows.zeros((curvature.shape[0], bends.shape[1])).append(bends),
         )
 
-    @property
-    def _internal_count(self) -> int:
-        """The number n r of coefficients of internal torques."""
-        return 0 if self.frames is None else self.frames.shape[0] * self.frames.shape[2]
-
     @cached_property
     def fine_quadrature(self) -> tuple[SparseRows, Array]:
         """Rows (F, n) of z on y at fine points, and weights (m, F) of integrals over the sigma of stages."""
@@ -298,49 +292,67 @@ class SpeedProgram:
             tolerance: relative, of the cost and of the rows.
             model: linear cost and square rows, in the units, in place of those of the goal.
         """
-        timed = goal == "time" or bounds.longest is not None  # whether the duration counts
-        powered = goal == "energy" or bounds.energy is not None  # whether the energy counts
+        problem = self.problem
         scale = units.time**2  # the unknown y is in units of 1 / time^2
+        timed = goal == "time" or bounds.longest is not None  # whether the duration counts
+        # motors whose squared torques count for an energy, by the name of its unknowns
+        rms_motors = self._rms_motors if bounds.torque_limits and goal != "limits" else []
+        powers = {f"e{motor}": [motor] for motor in rms_motors}
+        if rms_motors:
+            tolerance = max(tolerance, RMS_TOLERANCE)
+        if goal == "energy" or bounds.energy is not None:
+            powers["e"] = list(range(len(self.rows.torque)))
 
-        # conditions on the law, and rows that may not be negative
+        # the numbers of unknowns; r, v and energies have one for each of the P inner points
+        sizes = {"y": self.basis.size, "peak": 1}
+        if self.frames is not None:  # (n, n_a, r)
+            sizes["x"] = self.frames.shape[0] * self.frames.shape[2]
+        pointwise = ["r"] * (timed or bool(powers)) + ["v"] * timed
+        sizes |= dict.fromkeys([*pointwise, *powers], self.z.shape[0])
+
+        # rows that must vanish: conditions on the law, each divided by its largest entry if that is large
         conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
-        positive = self.positive_rows
-        lowest, highest = self._trusted_range()
-        lowest = np.maximum(lowest, floor)
-        highest = np.minimum(highest, cap)
+        equal = [_scale_large_rows(conditions)]
+        # rows that may not be negative: z between its bounds, limits, integrals, motions of springs at ends
+        positive = self.positive_rows  # (m, n)
+        lowest = np.maximum(floor, np.zeros(positive.shape[0]))  # (m,) [1/s^2]
+        highest = np.minimum(cap, np.full(positive.shape[0], problem.max_squared_speed))
+        if problem.response is not None and problem.trust < np.inf:
+            z_0 = positive @ problem.response.y  # (m,) of the motion about which torques are linear
+            lowest = np.maximum(lowest, (1.0 - problem.trust) * z_0)
+            highest = np.minimum(highest, (1.0 + problem.trust) * z_0)
         nonnegative = [AffineRows({"y": positive}, -lowest * scale)]
         nonnegative += self._limit_rows(goal, bounds, units)
         capped = np.flatnonzero(np.isfinite(highest))
         if len(capped):
             nonnegative.append(AffineRows({"y": -positive[capped]}, highest[capped] * scale))
-        nonnegative += self._bound_integrals(bounds, units) + self._rest_rows(units)
-        equal = [_scale_large_rows(conditions)]
+        nonnegative += self._bound_integrals(bounds, units, rms_motors)
+        if problem.response is not None and problem.response.holds_rest:
+            rest = problem.response.rest
+            allowed = REST_SHARE * MAX_END_RATE
+            matrix = SparseRows.of(rest.matrix / (allowed * scale))
+            nonnegative += _bound_size(AffineRows({"y": matrix}, rest.offset / allowed), 1.0)
         if about is not None:
             y_0, durations, is_equal = about
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
-        powers = dict[str, Sequence[int]]()  # motors of squared torques over time, by unknown
-        drives = self.problem.specification.drives
-        if drives is not None and bounds.torque_limits and goal != "limits":
-            for motor, limit in self._rms_limits(drives, bounds).items():
-                nonnegative.append(self._bound_rms(motor, limit, units))
-                powers[f"e{motor}"] = [motor]
-            tolerance = max(tolerance, RMS_TOLERANCE) if powers else tolerance
-        if powered:
-            powers["e"] = list(range(len(self.rows.torque)))
 
-        square = self.curvature if goal == "curvature" and model is None else None
-        cost, square = model or (self._linear_cost(goal, stage), square)
-        program = ConeProgram(
-            self._sizes(powers, timed=timed),
-            cost,
-            square,
-            equal,
-            nonnegative,
-            self._cones(units, powers, timed=timed),
+        cost: Mapping[str, Array] = {"peak": np.ones(1)}
+        square = None
+        if model is not None:
+            cost, square = model
+        elif goal == "time":
+            cost = {"v": self.stage_weights[stage]}
+        elif goal == "energy":
+            cost = {"e": self._inner_weights}
+        elif goal == "curvature":
+            cost, square = {}, self.curvature
+        cones = self._cones(units, powers, timed=timed)
+        optimum = solve_cone_program(
+            ConeProgram(sizes, cost, square, equal, nonnegative, cones),
+            tolerance=tolerance,
+            stalled_gap=CURVATURE_GAP if goal == "curvature" else 0.0,
         )
-        stalled_gap = CURVATURE_GAP if goal == "curvature" else 0.0
-        optimum = solve_cone_program(program, tolerance=tolerance, stalled_gap=stalled_gap)
         if isinstance(optimum, Unsolved):
             return optimum
 
@@ -350,113 +362,50 @@ class SpeedProgram:
         least = np.nan
         if goal == "time":
             open_stage = float(self.stage_weights[stage] @ optimum["v"]) * units.time
-            least = open_stage + sum(self.problem.specification.times[-1:])
+            least = open_stage + sum(problem.specification.times[-1:])
         x = optimum["x"] * self._internal_unit(units) if self.frames is not None else NO_INTERNAL
         return self.evaluate_speed(y, x, least)._replace(floor=float(np.min(floor)))
 
-    def _trusted_range(self) -> tuple[Array, Array]:
-        """Return bounds (m,) [1/s^2] of the `positive_rows` by the problem, from below and from above."""
-        problem = self.problem
-        count = self.positive_rows.shape[0]
-        lowest = np.zeros(count)
-        highest = np.full(count, problem.max_squared_speed)
-        if problem.response is not None and problem.trust < np.inf:
-            z = self.positive_rows @ problem.response.y
-            lowest = (1.0 - problem.trust) * z
-            highest = np.minimum(highest, (1.0 + problem.trust) * z)
-        return lowest, highest
+    @property
+    def _rms_motors(self) -> list[int]:
+        """The motors whose RMS torque has a limit.
 
-    def _sizes(self, powers: Mapping[str, Sequence[int]], *, timed: bool) -> dict[str, int]:
-        """Return the number of unknowns of each name.
-
-        Each point has an r, a v if the duration counts, and an unknown for each energy that counts.
-
-        Args:
-            powers: motors whose torques count for an energy, by the name of its unknowns.
-            timed: whether the duration counts.
+        Where the duration is open they count from the second law on, over the time that the first suggests.
         """
-        count = self.z.shape[0]
-        sizes = {"y": self.basis.size, "peak": 1}
-        if self.frames is not None:
-            sizes["x"] = self._internal_count
-        if timed or powers:
-            sizes["r"] = count
-        if timed:
-            sizes["v"] = count
-        return sizes | dict.fromkeys(powers, count)
+        drives = self.problem.specification.drives
+        if drives is None or self.problem.averaging_time is None:
+            return []
+        return np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
 
-    def _linear_cost(self, goal: str, stage: int) -> dict[str, Array]:
-        """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic.
+    def _bound_integrals(self, bounds: Bounds, units: Units, rms_motors: Sequence[int]) -> list[AffineRows]:
+        """Return bounds less integrals of durations and energies, as rows that may not be negative.
+
+        The bound of an RMS torque over the time T is one of the integral of its square: limit^2 T.
 
         Args:
-            goal: goal of `minimise`.
-            stage: index of the stage whose duration is the cost of the goal "time".
-        """
-        match goal:
-            case "time":
-                return {"v": self.stage_weights[stage]}
-            case "energy":
-                return {"e": self._inner_weights}
-            case "curvature":
-                return {}
-        return {"peak": np.ones(1)}
-
-    def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return the bounds less the integrals of v and e, as rows that may not be negative.
-
-        Args:
-            bounds: bounds of durations and energy.
+            bounds: bounds of durations and energy, and the share of RMS limits that may be used.
             units: units of the program.
+            rms_motors: motors whose RMS torque is bounded.
         """
         rows = []
         if bounds.longest is not None:
             bounded = np.isfinite(bounds.longest)
-            weights = SparseRows.of(-self.stage_weights[bounded])
-            rows.append(AffineRows({"v": weights}, bounds.longest[bounded] / units.time))
+            stage_weights = SparseRows.of(-self.stage_weights[bounded])
+            rows.append(AffineRows({"v": stage_weights}, bounds.longest[bounded] / units.time))
+        largest = dict[str, float]()  # of the integral of each energy, in units
         if bounds.energy is not None:
-            unit = units.torque**2 * units.time
+            largest["e"] = bounds.energy / (units.torque**2 * units.time)
+        for motor in rms_motors:
+            drives, T = self.problem.specification.drives, self.problem.averaging_time
+            assert drives is not None
+            assert T is not None
+            limit = bounds.share * drives.rms_torque_limit[motor]  # [N m]
+            relative = limit / (self.problem.reference[motor] * units.torque)
+            largest[f"e{motor}"] = relative**2 * T / units.time
+        for name, bound in largest.items():
             weights = SparseRows.of(-self._inner_weights[None])
-            rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
+            rows.append(AffineRows({name: weights}, np.array([bound])))
         return rows
-
-    def _rest_rows(self, units: Units) -> list[AffineRows]:
-        """Return bounds of rates and accelerations of springs at both ends, as rows that may not be negative.
-
-        There are none unless springs carry inertia.
-        """
-        response = self.problem.response
-        if response is None or not response.holds_rest:
-            return []
-        allowed = REST_SHARE * MAX_END_RATE
-        matrix = SparseRows.of(response.rest.matrix / (allowed * units.time**2))
-        return _bound_size(AffineRows({"y": matrix}, response.rest.offset / allowed), 1.0)
-
-    def _rms_limits(self, drives: DriveLimits, bounds: Bounds) -> dict[int, float]:
-        """Return the limits of RMS torques [N m], by motor.
-
-        Where the duration is open, they count from the second law on, over the time suggested by the first.
-
-        Args:
-            bounds: the share of the limits that may be used.
-        """
-        if self.problem.averaging_time is None:
-            return {}
-        motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
-        return {motor: bounds.share * float(drives.rms_torque_limit[motor]) for motor in motors}
-
-    def _bound_rms(self, motor: int, limit: float, units: Units) -> AffineRows:
-        """Return limit^2 T less the integral of a squared torque, as a row that must not be negative.
-
-        Args:
-            motor: index of the motor.
-            limit: RMS torque [N m] over the time T.
-            units: units of the program.
-        """
-        time = self.problem.averaging_time
-        assert time is not None
-        squared_limit = (limit / (self.problem.reference[motor] * units.torque)) ** 2
-        integral = {f"e{motor}": SparseRows.of(-self._inner_weights[None])}
-        return AffineRows(integral, np.array([squared_limit * time / units.time]))
 
     def _duration_tangents(self, y: Array, durations: Array, units: Units) -> AffineRows:
         """Return the rows T_lin(z) - duration of all stages with a finite duration.
@@ -491,13 +440,19 @@ class SpeedProgram:
             units: units of the program.
         """
         rows = list[AffineRows]()
-        is_limited = self.problem.specification.limited_motors
+        limits = self.problem.specification.torque_limit  # (n_a,) [N m]
+        counts = goal != "limits" and bounds.torque_limits  # whether the limits themselves hold
         for motor, torque in enumerate(self._torques_in_units(units)):
+            limit = limits[motor]
             if goal == "peak_torque":
                 rows += _bound_size(torque, peak_share=1.0)
-            elif goal == "limits" and is_limited[motor]:
+            elif goal == "limits" and np.isfinite(limit):
                 rows += _bound_size(torque, peak_share=bounds.share)
-            largest = self._largest_torque(motor, goal, bounds, units)
+            largest = np.inf if bounds.peak is None else bounds.peak / units.torque
+            if counts and np.isfinite(limit):
+                # every law needs the torque that holds the robot at an end, up to the limit itself
+                allowed = max(bounds.share * limit, min(self._holding_torques[motor], limit))
+                largest = min(largest, allowed / (self.problem.reference[motor] * units.torque))
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
         if bounds.torque_limits and goal != "limits":
@@ -532,25 +487,6 @@ class SpeedProgram:
     def _internal_unit(self, units: Units) -> float:
         """Return the unit [N m] of the internal torques' coefficients in a program of these units."""
         return float(self.problem.reference.min() * units.torque)
-
-    def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
-        """Return the bound of a motor's relative torque, in its unit; infinite without a bound.
-
-        Every law needs the torque that holds the robot at an end. Where a share of the limit is less than
-        that, the holding torque is allowed, up to the limit itself.
-
-        Args:
-            goal: goal of `minimise`.
-            bounds: the bound of the peak, and the share of the limits that may be used.
-            units: units of the program.
-        """
-        largest = np.inf if bounds.peak is None else bounds.peak / units.torque
-        limit = self.problem.specification.torque_limit[motor]
-        if goal == "limits" or not bounds.torque_limits or not np.isfinite(limit):
-            return largest
-        holding_torque = self._holding_torques[motor]
-        allowed = max(bounds.share * limit, min(holding_torque, limit))
-        return min(largest, allowed / (self.problem.reference[motor] * units.torque))
 
     @cached_property
     def _holding_torques(self) -> Array:

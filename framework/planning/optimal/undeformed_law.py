@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -48,23 +47,15 @@ MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (
 
 
 def find_undeformed_law(task: Task) -> Best:
-    """Find the best law of the undeformed robot, without a certificate.
+    """Find the best law of the undeformed robot through the crossing points, with its own damping.
+
+    The law has no certificate.
 
     Raises:
         NoLaw: no law was found within the limits.
         NotConverged: law and damping do not settle together, or the solver gave up.
     """
     check_speeds(task)
-    return find_law(task)
-
-
-def find_law(task: Task) -> Best:
-    """Find the best law through the crossing points, with its own damping.
-
-    Raises:
-        NoLaw: no law was found within the limits.
-        NotConverged: law and damping do not settle together, or the solver gave up.
-    """
     problem = problem_of(task)._replace(sampled=sample_demand(task))
     result = settle_tangents(problem)
     if isinstance(result, NoneFound):
@@ -359,6 +350,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
         peak, _ = format_distinct(proof.value, 1.0)
         start += ", too fast to brake within the limits" if start else ""
         reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
+        reason += ", if the speeds keep theirs" * least.together
     return NoLaw(reason, name=name, clauses=evidence.clauses, proof=proof, evidence=evidence)
 
 
@@ -419,11 +411,21 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
     suffices, both are raised together.
     """
     specification = problem.specification
-    torque = _find_peaks(problem, "peak_torque").torque if specification.limited else None
-    speed = _find_peaks(problem, "peak_speed").speed if specification.limited_speeds else None
+    # peaks are relative to the reference: infinite for a motor without a limit, which then does not count
+    over_limits = problem._replace(chosen_reference=specification.torque_limit)
+
+    def find_least(goal: str, *, counts: bool = True) -> tuple[float | None, float | None]:
+        """Return the peaks of torque and speed of the law of least peaks, if the limits count."""
+        if not counts:
+            return None, None
+        least = find_least_cost(over_limits.with_goal(goal), torque_limits=goal != "peak_torque")
+        return (None, None) if isinstance(least, NoneFound) else (least.speed.peak, least.speed.peak_speed)
+
+    torque, _ = find_least("peak_torque", counts=specification.limited)
+    _, speed = find_least("peak_speed", counts=specification.limited_speeds)
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
-        torque, speed = _find_peaks(problem, "limits")
+        torque, speed = find_least("limits")
     share = 1.0 - problem.task.request.margin
     return LeastLimits.of(specification, torque, speed, share, together=together and torque is not None)
 
@@ -443,28 +445,6 @@ def _find_slower_start(problem: LawProblem) -> tuple[float, ...] | None:
         if not isinstance(find_least_cost(slower), NoneFound):
             return start
     return None
-
-
-class _RelativePeaks(NamedTuple):
-    """The peaks of torque and speed over their limits; None if no law was found."""
-
-    torque: float | None
-    speed: float | None
-
-
-def _find_peaks(problem: LawProblem, goal: str) -> _RelativePeaks:
-    """Find the peaks of torque and speed over their limits, for the law of least peaks.
-
-    Args:
-        goal: "peak_torque" within the speed limits, "peak_speed" within the torque limits, or "limits", the
-            larger of both peaks, without limits.
-    """
-    # peaks are relative to the reference: infinite for a motor without a limit, which then does not count
-    over_limits = problem._replace(chosen_reference=problem.specification.torque_limit)
-    least = find_least_cost(over_limits.with_goal(goal), torque_limits=goal != "peak_torque")
-    if isinstance(least, NoneFound):
-        return _RelativePeaks(None, None)
-    return _RelativePeaks(least.speed.peak, least.speed.peak_speed)
 
 
 def _find_quickest(problem: LawProblem) -> float | None:
