@@ -48,8 +48,10 @@ def explain_errors(function: Callable[P, R]) -> Callable[P, R]:
         except Exception as error:
             signature = inspect.signature(function)
             options = kwargs.keys() & signature.parameters.keys()
-            if "unexpected keyword argument" in str(error):
-                for name in kwargs.keys() - options:
+            for name in kwargs.keys() - options:
+                if f"unexpected keyword argument {name!r}" in str(
+                    error
+                ):  # an option that is handed on may be right
                     hint = did_you_mean(name, signature.parameters)
                     raise TypeError(f"{function.__name__}: {name!r} is no option of it{hint}") from error
             bound = signature.bind_partial(*args, **{name: kwargs[name] for name in options})

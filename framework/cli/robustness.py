@@ -86,7 +86,7 @@ NO_SENSORS = (
 )
 NO_TRIAL = "no sensors pass in trial runs: {}"
 SWEPT = 6  # values of a sweep
-STORED_RUNS = 25  # robots in a stored chunk, at most: an interrupted study loses no more of them
+STORED_RUNS = 25  # runs in a stored chunk, at most: an interrupted study loses no more of them
 MAX_RUNS = 1_000_000
 
 
@@ -255,12 +255,13 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
     with arguments.written_stepwise(options, FILE, FILES, describe_kept) as folder:
         setup, predictions, trials = _choose_setup(options)
         controllers = {name: setup.controller(name) for name in _controller_names(options)}
-        # robots per process, rounded up; in a store no more than STORED_RUNS are lost
+        # robots per process, rounded up, each of which has a run with every controller
         chunk = None if options.dask else -(-options.runs // options.workers)
         out = None if options.out is None else Path(options.out)
         if out is not None:
             store = run_store(out, setup.to_dict(), list(controllers))
-            chunk = min(chunk or STORED_RUNS, STORED_RUNS)
+            most = max(1, STORED_RUNS // len(controllers))
+            chunk = min(chunk or most, most)
         studies = run_studies(
             controllers,
             setup.loop,

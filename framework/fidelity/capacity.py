@@ -194,14 +194,14 @@ def _bracket_capacity(task: _Multiples) -> Capacity:
     """Bracket the largest planned multiple within BRACKET_RATIO.
 
     The first multiple is just below the one at which the least peak of undeformed laws meets the limits, or 1
-    if these are not found. Then `_next_multiple` widens or narrows the bracket from the largest multiple with
-    a plan, `multiple`, to the least one without, `end`.
+    if these are not found. Then `_choose_multiple` widens or narrows the bracket from the largest multiple
+    with a plan, `multiple`, to the least one without, `end`.
     """
     multiple = 1.0
     peaks = [(0.0, 0.0)]  # multiples, with least peaks over the limits, 0 if unknown
     for _ in range(5):  # the least peak is nearly linear in the multiple: two or three secants suffice
         peaks.append((multiple, task.find_least_peak(multiple)))
-        limit = _limit_of(peaks)
+        limit = _find_limit(peaks)
         multiple = 1.0 if limit is None else limit * (1.0 - 0.45 * BRACKET_RATIO)
         if limit is None or abs(peaks[-1][1] - 1.0 + LIMIT_MARGIN) < LIMIT_MARGIN:
             break
@@ -213,18 +213,18 @@ def _bracket_capacity(task: _Multiples) -> Capacity:
             peaks.append((multiple, evidence.least.torque_peak or 0.0))
         if (1.0 + BRACKET_RATIO) * capacity.multiple >= capacity.end:
             break
-        multiple = _next_multiple(capacity, peaks)
+        multiple = _choose_multiple(capacity, peaks)
     assert capacity is not None  # the first multiple is within the range
     return capacity
 
 
-def _next_multiple(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
+def _choose_multiple(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> float:
     """Choose a multiple between the largest with a plan and the least without, if there is one.
 
     A multiple just below the limit by the last peaks is tried, and after it one just above. Where they do not
     serve, the multiple is doubled while it has plans, halved while none has one, or else the geometric mean.
     """
-    limit = _limit_of(peaks)
+    limit = _find_limit(peaks)
     if limit is not None:
         trial = limit * (1.0 - 0.45 * BRACKET_RATIO)
         if abs(limit - capacity.multiple) < BRACKET_RATIO * capacity.multiple:  # planned just below it
@@ -236,7 +236,7 @@ def _next_multiple(capacity: Capacity, peaks: Sequence[tuple[float, float]]) -> 
     return float(np.sqrt(capacity.multiple * capacity.end)) or 0.5 * capacity.end
 
 
-def _limit_of(peaks: Sequence[tuple[float, float]]) -> float | None:
+def _find_limit(peaks: Sequence[tuple[float, float]]) -> float | None:
     """Find the multiple at which the secant of the last two peaks meets the limit; None if they do not rise.
 
     The least peak is convex in the multiple, so that of two refused ones lies at or above the capacity.

@@ -191,7 +191,7 @@ def estimate(
 
 
 def _eliminate(information: Any, W: Any, by_samples: Any, white: Array) -> tuple[Array, Array]:
-    """Compute what is left (equations + N, c) of columns (equations, c), and z (z, c).
+    """Eliminate z from columns (equations, c): return what is left (equations + N, c), and z (z, c).
 
     Of |white x - W z|^2 + |by_samples z|^2 the least is at z = information^-1 W' white x.
     """

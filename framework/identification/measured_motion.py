@@ -67,7 +67,7 @@ class MeasuredMotion:
 
 
 class SplineErrors(NamedTuple):
-    """Errors z (m k,) of k splines of m coefficients, over the noise of the samples, m times those of all k.
+    """Errors z (m k,) of k splines of m coefficients over their samples' noise, coefficient by coefficient.
 
     The coefficients of a least squares spline of T samples with independent errors have the information
     (inverse covariance) samples' samples.
@@ -264,7 +264,8 @@ def _refuse_jumps(robot: ParallelRobot, data: Recording, joints: Array) -> None:
     steps = np.diff(data.column("time"))  # (T - 1,)
     jumps = (np.abs(np.diff(joints, axis=0)) >= np.pi) & ~robot.sliding[robot.actuated]
     jumps &= (steps <= longest * np.median(steps))[:, None]
-    for k, motor in np.argwhere(jumps)[:1].tolist():
+    if jumps.any():
+        k, motor = np.argwhere(jumps)[0].tolist()
         turn = float(joints[k + 1, motor] - joints[k, motor])
         raise InvalidInput(
             f"{data.source}: motor_angle_{robot.actuator_names[motor]} turns its joint by {turn:.3g} rad up "

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.errors import LARGEST_NUMBER, InvalidInput, check_order, real_numbers
+from framework.errors import LARGEST_NUMBER, InvalidInput, check_order, real_numbers, whole_number
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.ordered_sums import solve
@@ -323,8 +323,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
             high: given coefficients of the degrees that the conditions leave open.
             ends: derivatives at ends in motion.
         """
-        if smoothness not in range(31):
-            raise InvalidInput(f"smoothness: needs a whole number, 0 to 30, got {smoothness!r}")
+        # so many conditions, of degree 61, are refused below as too near to each other
+        smoothness = whole_number("smoothness", smoothness, 0, 30)
         at_ends = conditions_at_instants((0.0, duration), ends.conditions(smoothness))
         return Law.from_conditions([*at_ends, *inner], duration, high)
 

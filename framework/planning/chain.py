@@ -284,7 +284,7 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
             raise InvalidInput(
                 f"path: its derivative of order {order} by s at its start does not follow the motion of the "
                 f"platform, dx/dt = {motion[1].tolist()}: it is off by {miss * scale.max():.2g}; "
-                f"a goal in place of the path leads there by a curve that follows it"
+                f"a goal in place of the path asks for a curve that follows it"
             )
         if order == 1 and not derivatives[0] > 0.0:
             raise InvalidInput(
@@ -368,7 +368,7 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
     samples = np.linspace(0.0, plan.duration, 201)
     meet = "; let it start at this plan's end, or where times leave it"
     corner = "; let both rest there, or plan one path whose corner is round, such as a Polyline with a blend"
-    go_on = "; plan.restart(t, goal) goes on without a jump"
+    go_on = "; plan.restart(t, goal) plans on from the motion at t"
     compared = [  # the cause before what follows from it
         ("platform", CrossingPlan.platform, 0, meet),
         ("motor angle", CrossingPlan.motor_angle, 0, go_on),

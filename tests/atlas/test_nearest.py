@@ -123,6 +123,23 @@ def test_bisection_comes_as_near_to_a_change_of_sign_as_its_last_step():
         assert (places - reached < 0.5**halvings).all()
 
 
+def test_bisection_ends_on_a_branch_on_which_no_step_is_long():
+    """Steps of more than 1e-9 are refused and shorter ones arrive: 1e9 of them would lead to the end."""
+    steps = []
+
+    def step(q, start, end):
+        steps.append(float(end[0, 0] - start[0, 0]))
+        is_short = steps[-1] < 1e-9
+        reason = PoseReason.REACHED if is_short else PoseReason.OTHER_MODE
+        return SimpleNamespace(reason=np.array([reason]), q=end if is_short else q)
+
+    centre = SimpleNamespace(signs_of_g=lambda q: np.ones(len(q)), step=step)
+    segments = nearest._RaySegments(np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)))
+    reached = nearest._bisect_segments(centre, segments, 40).start[0, 0]
+    assert len(steps) <= 8 * 40
+    assert 0.0 < reached == pytest.approx(sum(length for length in steps if length < 1e-9))
+
+
 def test_a_search_ends_after_so_many_steps_and_says_how_far_they_lead(robot, monkeypatch):
     """What is found within the shortened distance is what a search of that distance finds."""
     monkeypatch.setattr(nearest, "MAX_RAY_STEPS", 96 * 3)
