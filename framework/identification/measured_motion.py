@@ -27,7 +27,7 @@ from framework.errors import (
     check_choice,
     list_names,
 )
-from framework.identification.recording import Recording
+from framework.identification.recording import Recording, are_usual_steps
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import (
     check_motors_are_free,
@@ -183,7 +183,6 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
 
     The platform is checked unless `poses` leave it out.
     """
-    largest_step = 1.5  # of time, over the median step; longer ones are gaps
     kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
     if poses != "motors" and data.has("platform", robot.axis_names):
         kinds["platform"] = robot.axis_names
@@ -195,8 +194,7 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
             raise InvalidInput(
                 f"{data.source}: {len(known)} samples of {kind}; at least {MIN_SAMPLES} are needed{without}"
             )
-        time_steps = np.diff(known.column("time"))
-        is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
+        is_usual = are_usual_steps(known.column("time"))  # (T - 1,)
         for ending, values in zip(endings, columns.T, strict=True):
             _check_column(known, f"{kind}_{ending}", values, is_usual)
 
@@ -260,10 +258,8 @@ def _refuse_jumps(robot: ParallelRobot, data: Recording, joints: Array) -> None:
 
     No continuation could tell which way the motors, whose joints are (T, n_a), have gone in between.
     """
-    longest = 1.5  # step of time, over the median step; longer ones are gaps
-    steps = np.diff(data.column("time"))  # (T - 1,)
     jumps = (np.abs(np.diff(joints, axis=0)) >= np.pi) & ~robot.sliding[robot.actuated]
-    jumps &= (steps <= longest * np.median(steps))[:, None]
+    jumps &= are_usual_steps(data.column("time"))[:, None]
     if jumps.any():
         k, motor = np.argwhere(jumps)[0].tolist()
         turn = float(joints[k + 1, motor] - joints[k, motor])

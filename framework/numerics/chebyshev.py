@@ -332,19 +332,11 @@ def peak_sizes(function: Callable[[Array], Array], grid: TimeGrid) -> Array:
     for zoom_step in zoom_steps:
         step = zoom_step * spacing
         points = np.clip([middle - step, middle, middle + step], start, end)  # (3, m)
-        sizes = sizes_at(points)
-        np.maximum.at(peaks, component, sizes.max(axis=0))
-        middle = np.clip(middle + step * _parabola_vertex(*sizes), start, end)
+        left, centre, right = sizes_at(points)  # (m,) each
+        np.maximum.at(peaks, component, np.maximum(np.maximum(left, centre), right))
+        # the vertex of the parabola through these sizes at -1, 0, 1; the middle if it has no maximum
+        curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
+        vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(left), where=curvature > 0.0)
+        middle = np.clip(middle + step * np.clip(vertex, -1.0, 1.0), start, end)
     np.maximum.at(peaks, component, sizes_at(middle))
     return peaks
-
-
-def _parabola_vertex(left: Array, centre: Array, right: Array) -> Array:
-    """Return the abscissae (m,) of the maxima of parabolas through values (m,) at -1, 0 and 1.
-
-    The values are `left` at -1, `centre` at 0 and `right` at 1. Abscissae are clipped to [-1, 1]; a parabola
-    without a maximum gives 0.
-    """
-    curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
-    vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
-    return np.clip(vertex, -1.0, 1.0)

@@ -261,7 +261,7 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish
-    at the contact. If they vanish without a slope, the contact is the extremum of `_product_with_end_blocks`.
+    at the contact.
 
     Args:
         size: number of columns of the border, which is the number of small singular values.
@@ -280,25 +280,17 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
     # slopes of the singular values, relative to the curvature of G if this is large
     largest_slope, *_, least_slope = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
     kind = "transversal" if least_slope > TANGENTIAL_SLOPE else "tangential"
-    # where G has no slope, Gauss-Newton converges only linearly
+    # Where G has no slope, Gauss-Newton converges only linearly. But every linear function of G has an
+    # extremum there. That of the inner product with the panel's end blocks G[0] and G[-2] is sharp, because
+    # it weights each entry by its size at both ends; G[-1] is that of the current estimate.
     if largest_slope < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
-        s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
+        s = extremum_near(
+            measured.evaluate, measured.knots, s, size, lambda G: np.sum(G * (G[0] + G[-2]), axis=(1, 2))
+        ).s
         kind = "tangential"
     # small singular values need not vanish
     is_contact = abs(s - start) <= radius and measured.count_lost_ranks(s) >= 2
     return Contact(s, kind) if is_contact else None
-
-
-def _product_with_end_blocks(G: Array) -> Array:
-    """Compute the inner products (T,) of blocks G (T, size, size) with a panel's end blocks.
-
-    The inner product of two blocks is the sum of the products of their entries. Where all entries of G vanish
-    without a slope, every linear function of G has an extremum. This one is sharp, because it weights each
-    entry by its size at both ends of the panel. The last block of G is that of the current estimate of the
-    extremum; the others belong to the ascending nodes of the panel.
-    """
-    first_node, last_node = G[0], G[-2]
-    return np.sum(G * (first_node + last_node), axis=(1, 2))
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tuple[Array, Array, Array]:

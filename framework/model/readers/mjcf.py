@@ -91,7 +91,10 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
     model.tree.left_out += left_out
     model.read_keyframe()
     model.read_equalities()
-    model.read_transmissions()
+    for k in range(model.compiled.nactuator):  # motors on hinges, slides and fixed tendons
+        model.read_motor(k)
+    for k in range(model.compiled.ntendon):
+        model.read_tendon(k)
     model.name_unread_effects()
     return describe(model.tree, file, options, "mjcf")
 
@@ -349,14 +352,7 @@ class _Model:
             names = coordinates_of(joint.name, joint.kind)
             self.tree.reference |= zip(names, joint.coordinates_at(qpos), strict=True)
 
-    def read_transmissions(self) -> None:
-        """Read motors on hinges, slides and fixed tendons, and the fixed tendons themselves."""
-        for k in range(self.compiled.nactuator):
-            self._read_motor(k)
-        for k in range(self.compiled.ntendon):
-            self._read_tendon(k)
-
-    def _read_motor(self, k: int) -> None:
+    def read_motor(self, k: int) -> None:
         """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
         target = model.actuator_trnid[k, 0]  # index of the joint or tendon
@@ -387,7 +383,7 @@ class _Model:
             motor = Transmission(where, arms, gear, acting, self._force_limit(k, gear))
             self.tree.transmissions.append(motor)
 
-    def _read_tendon(self, k: int) -> None:
+    def read_tendon(self, k: int) -> None:
         """Read the dynamics of tendon k; of a spatial one its spring and damper between two sites."""
         model = self.compiled
         arms = self._moment_arms("tendon", k)
