@@ -38,7 +38,7 @@ from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.inverse_kinematics import close_loops, require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, clearance, linearised_at
+from framework.kinematics.linearised_loops import clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
@@ -409,32 +409,17 @@ def _cross_validation(times: Array, samples: Array, count: int) -> float:
 def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[int], None]) -> Motion:
     """Compute the motion of all joints from motor positions, rates and accelerations.
 
-    `joints` (3, T, n_a) are on the joint side of the gears, and `progress` is called with the number of poses
-    followed. N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to
-    motors. Then v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift is the joint
-    acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
-    """
-    q_a, dq_a, ddq_a = joints
-    q, linearised = _poses_of_motors(robot, q_a, progress)  # (T, nq)
-    _, N = motor_speeds(robot, linearised)  # (T, nv, n)
-    joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
-    v = np.matvec(joints_per_motor, dq_a)
-    drift = freeze_deflections(robot, q, v, np.zeros_like(v)).a
-    a = drift + np.matvec(joints_per_motor, ddq_a - drift[:, robot.actuated])
-    return freeze_deflections(robot, q, v, a)
-
-
-def _poses_of_motors(
-    robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]
-) -> tuple[Array, LinearisedLoops]:
-    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq) and their linearised loops.
-
     Poses are followed from one to the next a `largest_step` apart; Newton's method closes those between from
     the pose before. Beyond a singularity motor angles do not determine the mode of the robot. One is possible
     between two poses if the clearance, extrapolated linearly through two neighbouring instants, reaches zero
     at the instant behind them or the one ahead of them.
 
+    N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to motors. Then
+    v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift is the joint acceleration at zero
+    acceleration of the platform, drift_a its rows that belong to motors.
+
     Args:
+        joints: (3, T, n_a) on the joint side of the gears [rad, m].
         progress: called with the number of poses followed.
 
     Raises:
@@ -442,6 +427,7 @@ def _poses_of_motors(
     """
     largest_step = 0.05  # [rad, robot lengths] of a motor between poses that are followed
     check_motors_are_free(robot)
+    q_a, dq_a, ddq_a = joints
     travel = np.abs(np.diff(q_a, axis=0, prepend=q_a[:1])) / robot.column_scale[robot.actuated]
     cell = (travel.max(axis=1).cumsum() / largest_step).astype(int)  # (T,) samples of a cell share a guess
     first = np.flatnonzero(np.diff(cell, prepend=-1))
@@ -467,7 +453,13 @@ def _poses_of_motors(
         k = int(is_near.argmax())
         x = robot.platform.coordinates(linearised.frames)[k]
         raise _type2_error(robot, closed.q[k], x, float(linearised.gap[k]), k / len(q_a))
-    return closed.q, linearised
+
+    _, N = motor_speeds(robot, linearised)  # (T, nv, n)
+    joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
+    v = np.matvec(joints_per_motor, dq_a)
+    drift = freeze_deflections(robot, closed.q, v, np.zeros_like(v)).a
+    a = drift + np.matvec(joints_per_motor, ddq_a - drift[:, robot.actuated])
+    return freeze_deflections(robot, closed.q, v, a)
 
 
 def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:

@@ -187,8 +187,14 @@ def _trace_branches(
         for curve in trace_curves(equations, join(tried), region.contains, longest):
             along = curve.points
             determinant = along.determinant  # of [dF/du ; t']
-            changes = np.flatnonzero(determinant[1:] * determinant[:-1] < 0)
-            crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
+            crossings = []  # where another curve crosses: the determinant is zero there
+            for k in np.flatnonzero(determinant[1:] * determinant[:-1] < 0):
+                ends = along.single(k), along.single(k + 1)
+                sizes = np.abs(determinant[[k, k + 1]])
+                # to this size only, as the corrector loses digits closer by
+                small = BRANCH_POINT_RATIO * float(sizes.max())
+                root = root_between(equations, *ends, lambda point: float(point.determinant[0]), small=small)
+                crossings.append(ends[int(sizes[1] <= sizes[0])] if root is None else root)
             curves.append((curve, crossings))
             for crossing in crossings:
                 branches = _points_on_crossing_curve(equations, crossing)
@@ -297,19 +303,6 @@ def root_between(
             values[1 - end_to_move] *= 0.5
         moved_end = end_to_move
     return root
-
-
-def _branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
-    """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
-
-    The determinant is reduced to BRANCH_POINT_RATIO only, as the corrector loses digits closer by. If no
-    point between the two can be computed, the neighbour with the smaller determinant is returned.
-    """
-    nearer = min(end, start, key=lambda point: abs(float(point.determinant[0])))
-    small = BRANCH_POINT_RATIO * max(abs(float(point.determinant[0])) for point in (start, end))
-    # det [dF/du ; t'] is zero at the branch point
-    root = root_between(equations, start, end, lambda point: float(point.determinant[0]), small=small)
-    return nearer if root is None else root
 
 
 def _points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:

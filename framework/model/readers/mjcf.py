@@ -201,7 +201,15 @@ class _Model:
         tree = Tree(name, dict(zip(self.bodies, links, strict=True)))
         origins = list(_placements(model.body_pos, model.body_quat))
         for k in range(1, model.nbody):  # without the world
-            motions, end = self._joints_of_body(k, origins[k])
+            # MuJoCo's joint is at a point of the body, but a URDF's link has its origin in the joint before
+            # it: the chain of joints leads to the point before each joint, and back to the origin after it
+            motions = []
+            end = origins[k]  # (4, 4) of the body in its parent, then behind the last joint
+            first = model.body_jntadr[k]
+            for joint in self.joints[first : first + model.body_jntnum[k]]:
+                point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
+                motions.append(joint.urdf_joint(end @ placement(translation=point)))
+                end = placement(translation=-point)
             add_chain(tree, self.bodies[model.body_parentid[k]], motions, self.bodies[k], end, taken)
             if model.body_mass[k] or model.body_inertia[k].any():
                 axes = from_quaternion(*model.body_iquat[k])
@@ -215,24 +223,6 @@ class _Model:
                 sizes = {key: texts[key] for key in SIZES_OF_SHAPES[shape]}
                 links[model.geom_bodyid[k]].append(visual_element(shape, sizes, origin))
         return tree
-
-    def _joints_of_body(self, k: int, origin: Array) -> tuple[list[Joint], Array]:
-        """Return the joints between body k and its parent, and the body's placement behind the last one.
-
-        MuJoCo's joint is at a point `pos` of the body, but a URDF's link has its origin in the joint before
-        it. So the chain of joints leads to `pos` before each joint, and back to the origin after it.
-
-        Args:
-            origin: (4, 4) placement of the body in its parent.
-        """
-        first = self.compiled.body_jntadr[k]
-        motions = []
-        end = origin
-        for joint in self.joints[first : first + self.compiled.body_jntnum[k]]:
-            point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
-            motions.append(joint.urdf_joint(end @ placement(translation=point)))
-            end = placement(translation=-point)
-        return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the moment arms d length / d q of a joint or tendon, by joint.
