@@ -150,10 +150,9 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
             residual=stiffest.misfit,
         )
     solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)  # of the softest springs so far
-    stiffer = MAX_STIFFENING
-    softening = SOFTENING
     if solved.misfit > MAX_UNRESOLVED_MISFIT:
-        raise _no_balance(equations, f"springs {stiffer:g} times as stiff do not either", np.inf)
+        raise _no_balance(equations, f"springs {MAX_STIFFENING:g} times as stiff do not either", np.inf)
+    stiffer, softening = MAX_STIFFENING, SOFTENING
     while stiffer > 1.0 and softening > MIN_SOFTENING:
         softening = min(softening, stiffer)  # the last step ends at the robot's own springs
         softer = stiffer / softening

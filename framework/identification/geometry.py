@@ -410,9 +410,8 @@ def measurement_offsets(
     by_fixtures = np.zeros((T, m, 3 * len(geometry.fixtures)))
     moves = values[len(geometry.names) - by_fixtures.shape[2] :].reshape(-1, 3)
     for k, (fixture, move) in enumerate(zip(geometry.fixtures, moves, strict=True)):
-        off, by_point, by_fixtures[:, ends[-1] + k, 3 * k : 3 * k + 3] = fixture.offsets(
-            frames.platform_origin, fixed_values[:, k], move
-        )
+        off, by_point, by_move = fixture.offsets(frames.platform_origin, fixed_values[:, k], move)
+        by_fixtures[:, ends[-1] + k, 3 * k : 3 * k + 3] = by_move
         offset.append(off[:, None])
         slope.append(by_point[:, None] @ frames.frame_jacobian()[:, :3])
     return np.concatenate(offset, axis=1), np.concatenate(slope, axis=1), by_fixtures

@@ -296,25 +296,32 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
         description = replace(robot.description, reference=stated)
         q = ParallelRobot.from_description(description).reference.q
     elif data.has("platform", robot.axis_names):
-        x = data.columns("platform", robot.axis_names)[0]
-
-        def misfit(q: Array) -> float:
-            """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
-            return float(motor_distances(robot, robot.actuated_coordinates(q[None])[0] - q_a).max())
-
-        poses: list[Array] = []
-        with suppress(NoAnswer):
-            poses.append(assemble(robot, x).q)
-        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
-            poses += (mode.q for mode in working_modes(robot, np.array(x)).modes)
-        q = min(poses, key=misfit, default=robot.reference.q)
-        if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
+        pose = _pose_with_motors(robot, data.columns("platform", robot.axis_names)[0], q_a)
+        if pose is None:  # the file, a column or a zero is wrong, which is found later
             return robot
+        q = pose
     else:
         return robot
     frames = frames_at(robot, q[None])
-    pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
-    return replace(robot, reference=pose)
+    first = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
+    return replace(robot, reference=first)
+
+
+def _pose_with_motors(robot: ParallelRobot, x: Array, q_a: Array) -> Array | None:
+    """Find the pose (nq,) at x (n,) with the motors' joints near q_a (n_a,), in any working mode."""
+
+    def misfit(q: Array) -> float:
+        """Compute the largest offset of the motors' joints from q_a at q (nq,)."""
+        return float(motor_distances(robot, robot.actuated_coordinates(q[None])[0] - q_a).max())
+
+    with suppress(NoAnswer):
+        q = assemble(robot, x).q
+        if misfit(q) <= MAX_MOTOR_MISFIT:
+            return q
+    fitting = [
+        mode.q for mode in working_modes(robot, np.array(x)).modes if misfit(mode.q) <= MAX_MOTOR_MISFIT
+    ]
+    return min(fitting, key=misfit, default=None)
 
 
 # ------------------------------------------------------------------ smoothing

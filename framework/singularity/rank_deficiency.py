@@ -82,30 +82,32 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     for candidate in minima_first:
         root = None if candidate.is_minimum else _simple_root(measured, candidate)
         size = 1
-        common: Contact | None = None
         if root is None:
             size = measured.border_width(singular_values(candidate.panel.matrix(candidate.s)))
-            # where several singular values are small, they may vanish together
-            common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
+        # where several singular values are small, they may vanish together
+        common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
             if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
                 multiple.append(common)
-        elif candidate.is_minimum:
+            continue
+        if candidate.is_minimum:
             extremum = extremum_near(measured.evaluate, measured.knots, candidate.s, size)
             if all(abs(extremum.s - s) > DISTINCT_EXTREMA for s in known_about):
                 contacts, reach = _contacts_beside(measured, extremum, size)
                 single += [contact for contact in contacts if _is_apart(contact.s, single, SAME_PLACE)]
                 if contacts:
                     known_about[extremum.s] = reach
-        else:
-            if root is None:  # by differences; Newton's method may leave the root
-                s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-                root = Contact(s, "transversal") if converged else None
-            if root is None or any(abs(root.s - s) <= reach for s, reach in known_about.items()):
+            continue
+        if root is None:  # by differences; Newton's method may leave the root
+            s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+            if not converged:
                 continue
-            # a root at the edge of two panels is found twice
-            if _is_apart(root.s, single, SAME_PLACE) and _loses_rank(measured, root.s, size):
-                single.append(root)
+            root = Contact(s, "transversal")
+        is_known = any(abs(root.s - s) <= reach for s, reach in known_about.items())
+        # a root at the edge of two panels is found twice
+        is_new = not is_known and _is_apart(root.s, single, SAME_PLACE)
+        if is_new and _loses_rank(measured, root.s, size):
+            single.append(root)
     # single roots beside a common contact are the same point, found less accurately
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
