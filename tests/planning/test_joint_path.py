@@ -35,11 +35,26 @@ def elbows_flipped() -> JointPath:
 
 
 def test_both_elbows_flip_through_one_singular_point():
-    """Figures of a robot file that declares the elbows as platform, by another version of the program."""
-    plan = plan_crossing(five_bar(), elbows_flipped(), duration=1.5)
-    assert [round(crossing.s, 6) for crossing in plan.crossings] == [0.675983]
+    """Where the forearms lie in one line, by pinocchio alone."""
+    robot = five_bar()
+    plan = plan_crossing(robot, elbows_flipped(), duration=1.5)
+
+    def sine(t: float) -> float:
+        """Of the angle between the forearms."""
+        q = plan.configuration(t)
+        tip, data = tip_of(robot, q), robot.model.createData()
+        pin.forwardKinematics(robot.model, data, q)
+        elbows = [data.oMi[robot.model.getJointId(name)].translation[:2] for name in ELBOWS]
+        (x, y), (u, v) = ((tip - elbow) / np.linalg.norm(tip - elbow) for elbow in elbows)
+        return x * v - y * u
+
+    (crossing,) = plan.crossings
+    assert abs(sine(crossing.time)) < 1e-12
+    turns_over = np.diff(np.sign([sine(t) for t in np.linspace(0.0, plan.duration, 301)])) != 0
+    assert np.count_nonzero(turns_over) == 1
+    peaks = np.abs(plan.torque(np.linspace(0.0, plan.duration, 5001))).max(axis=0)
+    np.testing.assert_allclose(list(plan.peak_torque.values()), peaks, rtol=1e-5)
     assert plan.certificate.tail < 1e-10
-    assert max(plan.peak_torque.values()) == pytest.approx(0.127, abs=1e-3)
     assert simulate(plan).tracking_error < 1e-10
     defect = defects_of(plan)
     assert max(defect.open, defect.acceleration, defect.force) < 1e-8
@@ -74,8 +89,12 @@ def test_the_tip_is_compared_in_metres():
 
 @pytest.mark.slow
 def test_the_quickest_flip_within_limits():
-    plan = plan_crossing(five_bar(), elbows_flipped(), optimize="time", torque_limit=0.165)
-    assert plan.duration == pytest.approx(0.936, abs=2e-3)
+    """A motor is at its limit nearly all the time, or the law would not be the quickest."""
+    limit = 0.165
+    plan = plan_crossing(five_bar(), elbows_flipped(), optimize="time", torque_limit=limit)
+    largest = np.abs(plan.torque(np.linspace(0.0, plan.duration, 5001))).max(axis=1)
+    assert largest.max() <= limit
+    assert np.mean(largest > 0.98 * limit) > 0.9
     # at the default tolerance the integration's own error is 1e-10, through the singular point
     assert simulate(plan, tolerance=1e-13).tracking_error < 1e-10
 
