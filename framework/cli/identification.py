@@ -106,8 +106,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     off = [row for row in rows if abs(row[1]) > row[2]]
     lines += ["  parameter [m, rad]\toff by\tdeviation"] if off else []
     lines += ["  {}\t{:.2e}\t{:.1e}".format(*row) for row in off]
-    rest = f"{len(names) - len(off)} of {len(names)} parameters"
-    lines.append(f"  {rest} are off the file by less than their deviations, see --json")
+    lines.append(f"  {len(names) - len(off)} parameters are off by less than their deviations, see --json")
     if unseen:
         lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")
         lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]

@@ -254,18 +254,16 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> 
     window = workspace.window
     size = " x ".join(map(str, window.shape[: len(window.axes)]))
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    title = f"{robot.name}: {size} poses"
     bounds = zip(window.axes, window.lower, window.upper, strict=True)
     spans = ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in bounds)
-    lines = [f"{title}, {spans}, {workspace.seconds:.2f} s", "  poses\tcount"]
+    lines = [f"{robot.name}: {size} poses, {spans}, {workspace.seconds:.2f} s", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     if edges := workspace.open_edges:
         lines.append(f"  more may be reached beyond the window's {', '.join(edges)} (--window)")
     lines.append(f"  locus: {workspace.locus_sentence}, {workspace.locus.seconds:.2f} s")
     if len(window.axes) == 1:
-        points = (f"{curve.kind} at {robot.place(curve.x[0])}" for curve in workspace.locus.curves)
-        lines += [f"  singular: {words}" for words in points]
+        lines += [f"  singular: {each.kind} at {robot.place(each.x[0])}" for each in workspace.locus.curves]
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
         values = map(document["quantities"][quantity.key].get, STATISTICS)
