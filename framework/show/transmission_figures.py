@@ -85,7 +85,7 @@ def _units(result: LinkageTransmission, kind: str) -> str:
 
 def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
     """Draw the polygons of the posture and of both ends of both axes."""
-    units = \", \".join(dict.fromkeys(result.robot.axis_units))
+    units = ", ".join(dict.fromkeys(result.robot.axis_units))
     poses = [int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))]  # the posture's, then the ends'
     for axis in (0, 1):
         line = _line(result, axis)
