@@ -234,7 +234,7 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
     c, dc, ddc = motions.rates  # (T, F, 4, 3) each
     # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
     first, second, at_rates = wrench_changes(
-        robot.spanning_loops, np.array([c, c, dc]), np.stack([dc, ddc, dc])
+        robot.spanning_loops, np.array([c, c, dc]), np.array([dc, ddc, dc])
     )
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.array([first, second])

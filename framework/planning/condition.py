@@ -17,12 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.dynamics.forces import damping_forces, inertial_forces
-from framework.dynamics.path_forces import PathForces
+from framework.dynamics.forces import damping_forces, inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.motion_rates import motion_at
-from framework.laws.path import time_derivatives
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.numerics.arrays import Array, freeze
 from framework.singularity.points_on_path import Condition8, SingularPoint
 from framework.singularity.type2 import uncontrolled_motion
@@ -99,21 +97,38 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
         crossing: the point at which the condition holds.
         deflection: deflections at the crossing; None for springs at rest.
     """
-    robot = branch.robot
-    deflection = deflection if robot.n_e else None
-    pose, eta = crossing.pose, crossing.motion
+    robot, path = branch.robot, branch.path
+    has_moving_springs = deflection is not None and robot.n_e > 0
+    # T motions of the one pose: s' = 1 with springs at rest, then moving springs at s' = 0 and at s' = 1
+    speeds = np.array([1.0, 0.0, 1.0] if has_moving_springs else [1.0])[:, None]  # s' (T, 1)
     s = np.array([crossing.s])
-    forces = PathForces.compute(branch, s, pose)
+    spring_rates: tuple[Array, ...] = ()
+    if deflection is not None and has_moving_springs:
+        moves = np.array([[0.0], [1.0], [1.0]])  # (T, 1) whether springs move
+        spring_rates = moves * deflection.rate, moves * deflection.acceleration  # (T, n_e) each
+    pose = crossing.pose.select(np.zeros(len(speeds), dtype=np.intp))
+    motion = motion_at(robot, pose, speeds * path(s, 1), speeds**2 * path(s, 2), *spring_rates)
+    rates = motion.v[:1]  # dq/ds (1, nv)
+    inertia = inertial_forces(robot, motion)  # (T, nv)
+    damping = damping_forces(robot, motion.q, motion.v)  # (T, nv)
+    # s" = 1 at rest gives joints the accelerations dq/ds
+    (along_path,) = inertial_forces(robot, Motion(motion.q[:1], np.zeros_like(rates), rates, crossing.pose))
+    wrenches = branch.wrenches.evaluate(robot, crossing.pose.frames, s)
+    (static,) = static_forces(robot, motion.q[:1], wrenches)
+
     # powers (4, nv) of each joint for alpha, beta, gamma and delta
-    powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
+    eta = crossing.motion
+    powers = eta * np.array([along_path, inertia[0], static, damping[0]])
     values = powers.sum(axis=1)  # (4,)
 
     # a coefficient that is small against the sum (4,) of the sizes of its terms is rounding
-    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds [rad, robot lengths]
+    largest_rate = np.abs(rates / robot.column_scale).max()  # [rad, robot lengths]
     term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
     has_effect = abs(values[0]) > NO_HOLD * term_sizes[0]
-    if deflection is not None:  # moving springs add to gamma and delta
-        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)  # (2, nv)
+    if has_moving_springs:
+        # they add to gamma, and to delta forces of both motions at once, less those of each motion alone
+        bilinear = inertia[2] - inertia[0] - inertia[1]
+        of_springs = eta * np.array([inertia[1] + damping[1], bilinear])  # (2, nv)
         values[2:] += of_springs.sum(axis=1)
         term_sizes[2:] += np.abs(of_springs).sum(axis=1)
         # stiff springs add small terms, which are not rounding as long as s" has an effect
@@ -122,30 +137,6 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     # where s" has no effect, no motion compensates the others: they count as rounding up to a larger share
     rounding = CONDITION_ROUNDING if has_effect else NO_HOLD
     return Condition8(*np.where(np.abs(values) > rounding * term_sizes, values, 0.0).tolist())
-
-
-def _forces_of_springs(
-    branch: Branch, crossing: SingularPoint, deflection: Deflection, centrifugal: Array
-) -> Array:
-    """Compute the forces (2, nv) that moving springs add, at rest and per s'.
-
-    Those at rest are of inertia and damping. Those per s' are bilinear in s' and the rates of the springs:
-    the inertial forces of both motions at once, less those of each motion alone.
-
-    Args:
-        centrifugal: (1, nv) inertial forces at s' = 1, springs at rest.
-    """
-    robot = branch.robot
-    speeds = np.array([0.0, 1.0])  # s'
-    pose = crossing.pose.select(np.zeros(2, dtype=np.intp))  # the one pose, once a motion
-    _x, dx, ddx = time_derivatives(branch.path, [np.full(2, crossing.s), speeds, np.zeros(2)])
-    rates = np.array([deflection.rate] * 2)
-    accelerations = np.array([deflection.acceleration] * 2)
-    motion = motion_at(robot, pose, dx, ddx, rates, accelerations)
-    at_rest, at_speed = inertial_forces(robot, motion)
-    bilinear = at_speed - centrifugal[0] - at_rest
-    damping = damping_forces(robot, motion.q[:1], motion.v[:1])[0]
-    return np.array([at_rest + damping, bilinear])
 
 
 def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Array:

@@ -71,7 +71,7 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
     for _ in range(max_iterations):
         last_gap = gap
         pose, gap = _step_loops(robot, pose, branch.path(s), spring_step)
-        spring_step = np.zeros_like(spring_step)  # the first step has made it
+        spring_step = 0.0 * spring_step  # the first step has made it
 
         # a secant step of g; with the border of a pose beside the root it has the sign of det P
         P = type2_matrix(robot, pose)

@@ -59,8 +59,9 @@ def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Arr
     local = (2 * s - start - end) / (end - start)
     values = evaluate(local.clip(-1.0, 1.0), series)
     (beyond,) = (np.abs(local) > 1.0).nonzero()
-    if len(beyond):
-        values[beyond] = chebyshev.chebval(local[beyond], series).T
+    if len(beyond):  # arccos is imaginary there, and the cosine real again
+        angles = np.arccos(local[beyond] + 0.0j)[:, None] * np.arange(len(series))  # (beyond, degree + 1)
+        values[beyond] = np.cos(angles).real @ series
     return values
 
 
