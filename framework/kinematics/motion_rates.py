@@ -231,11 +231,9 @@ def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Arra
         motions: axes and origins of the frames, with two time derivatives.
         screw_rates: two time derivatives (2, T, nv, 6) of the joints' screws.
     """
-    c, dc, ddc = motions.rates  # (T, F, 4, 3) each
+    rates = motions.rates  # (3, T, F, 4, 3): c, c', c"
     # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
-    first, second, at_rates = wrench_changes(
-        robot.spanning_loops, np.array([c, c, dc]), np.array([dc, ddc, dc])
-    )
+    first, second, at_rates = wrench_changes(robot.spanning_loops, rates[[0, 0, 1]], rates[[1, 2, 1]])
     second[..., 3:] += at_rates[..., 3:]
     loop_rates = np.array([first, second])
     return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)

@@ -12,9 +12,6 @@ the coefficients, as in toppra. Only viscous damping and changing deflections co
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from framework.dynamics.forces import damping_forces, inertial_forces, static_forces
@@ -25,19 +22,6 @@ from framework.numerics.arrays import Array, freeze
 from framework.singularity.points_on_path import Condition8, SingularPoint
 from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
-
-
-class Deflection(NamedTuple):
-    """The deflections and their first two time derivatives at one instant, or at k."""
-
-    value: Array  # (n_e,) [m, rad], or (k, n_e)
-    rate: Array  # (n_e,) [m/s, rad/s]
-    acceleration: Array  # (n_e,) [m/s^2, rad/s^2]
-
-    @staticmethod
-    def evaluate(deflections: Callable[[Any, int], Array], time: float | Array) -> Deflection:
-        """Evaluate deflections(t, order) and two derivatives, each (..., n_e), at a time or times [s]."""
-        return Deflection(*(deflections(time, order) for order in range(3)))
 
 
 def imposed_point(branch: Branch, s: float) -> SingularPoint:
@@ -82,7 +66,7 @@ def require_effect(branch: Branch, crossing: SingularPoint, *, deflected: bool) 
     )
 
 
-def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
+def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Array | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point.
 
     It is t_s . W_p = alpha s" + beta s'^2 + gamma + delta s' = 0. Each coefficient is the power of these
@@ -95,17 +79,17 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
 
     Args:
         crossing: the point at which the condition holds.
-        deflection: deflections at the crossing; None for springs at rest.
+        deflection: (3, n_e) deflections at the crossing and two time derivatives; None for springs at rest.
     """
     robot, path = branch.robot, branch.path
-    has_moving_springs = deflection is not None and robot.n_e > 0
-    # T motions of the one pose: s' = 1 with springs at rest, then moving springs at s' = 0 and at s' = 1
-    speeds = np.array([1.0, 0.0, 1.0] if has_moving_springs else [1.0])[:, None]  # s' (T, 1)
+    deflection = deflection if robot.n_e else None
     s = np.array([crossing.s])
-    spring_rates: tuple[Array, ...] = ()
-    if deflection is not None and has_moving_springs:
-        moves = np.array([[0.0], [1.0], [1.0]])  # (T, 1) whether springs move
-        spring_rates = moves * deflection.rate, moves * deflection.acceleration  # (T, n_e) each
+    # T motions of the one pose: s' = 1 with springs at rest, then moving springs at s' = 0 and at s' = 1
+    speeds = np.ones((1, 1))  # s' (T, 1)
+    spring_rates = np.empty((0, 1, robot.n_e))
+    if deflection is not None:
+        speeds = np.array([[1.0], [0.0], [1.0]])
+        spring_rates = np.array([[0.0], [1.0], [1.0]]) * deflection[1:, None]  # (2, T, n_e)
     pose = crossing.pose.select(np.zeros(len(speeds), dtype=np.intp))
     motion = motion_at(robot, pose, speeds * path(s, 1), speeds**2 * path(s, 2), *spring_rates)
     rates = motion.v[:1]  # dq/ds (1, nv)
@@ -125,8 +109,8 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     largest_rate = np.abs(rates / robot.column_scale).max()  # [rad, robot lengths]
     term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
     has_effect = abs(values[0]) > NO_HOLD * term_sizes[0]
-    if has_moving_springs:
-        # they add to gamma, and to delta forces of both motions at once, less those of each motion alone
+    if deflection is not None:
+        # moving springs add to gamma, and to delta the forces of both motions at once less those of each
         bilinear = inertia[2] - inertia[0] - inertia[1]
         of_springs = eta * np.array([inertia[1] + damping[1], bilinear])  # (2, nv)
         values[2:] += of_springs.sum(axis=1)

@@ -152,8 +152,10 @@ def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: lis
     least_values = [least_singular_values(panel.matrices) for panel in resolved]  # (SHEET_NODES,) each
     # no near miss above this share of the largest; with power 2 singular values are squares
     level = NEAR_MISS**measured.power * np.max(least_values)
-    ends = ((0.0, resolved[0], least_values[0][0]), (1.0, resolved[-1], least_values[-1][-1]))
-    candidates = [_miss_at_end(measured, panel, known, s) for s, panel, least in ends if least < level]
+    candidates = [
+        _miss_at_end(measured, resolved[0], known, level, 0.0),
+        _miss_at_end(measured, resolved[-1], known, level, 1.0),
+    ]
     for panel in resolved:
         starts = panel.path_coordinates(panel.extrema).tolist()
         candidates += [_miss_at_extremum(measured, panel.matrix(s), known, level, s) for s in starts]
@@ -185,11 +187,13 @@ def _miss_at_extremum(
     return NearMiss(extremum.s, g, width=min(extremum.s - lower, upper - extremum.s), size=size)
 
 
-def _miss_at_end(measured: MeasuredMatrix, panel: Panel, known: list[Contact], s: float) -> NearMiss | None:
+def _miss_at_end(
+    measured: MeasuredMatrix, panel: Panel, known: list[Contact], level: float, s: float
+) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
     The end is no near miss if a `known` contact is closer than the distance over which g changes by its own
-    value.
+    value; nor if the least singular value at the end of its `panel` is above `level`.
     """
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     degrees = np.arange(len(panel.series))
@@ -200,11 +204,11 @@ def _miss_at_end(measured: MeasuredMatrix, panel: Panel, known: list[Contact], s
         return None
     # distance in s over which g changes by its own value, if it is linear; local coordinates span 2
     width = float(0.5 * panel.width * abs(value / slope))
-    if not _is_apart(s, known, width):
-        return None
     matrix = panel.matrices[0 if s == 0.0 else -1]
-    size = measured.border_width(singular_values(matrix))
-    return NearMiss(s, _signed_least_value(matrix[None]), width, size)
+    values = singular_values(matrix)
+    if values[-1] >= level or not _is_apart(s, known, width):
+        return None
+    return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(values))
 
 
 def _signed_least_value(matrix: Array) -> float:
