@@ -79,7 +79,8 @@ class LoopStructure(ReadOnlyArrays):
             apart: dimensionless Jacobians (rows + rounded, nv) at the reference and at poses far apart.
         """
         at_reference = matrices[0]
-        loops = at_reference[-len(mechanism.rows.names) :]  # without the rows of the platform
+        platform_rows = len(at_reference) - len(mechanism.rows.names)
+        loops = at_reference[platform_rows:]
         joints = mechanism.joints  # all columns without those of the springs' own joints
         independent = independent_rows(loops[:, joints])
         # One passive joint for each motion that moves neither platform nor loops, such as the turn of a rod
@@ -127,9 +128,9 @@ def refuse_singular_reference(
         matrices: dimensionless Jacobians (n + rows, nv) of platform and loops at these poses.
     """
     reference, *others = matrices
-    count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
+    n = len(reference) - len(mechanism.rows.names)
     for nearby in others:
-        rows = _rows_losing_rank(reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        rows = _rows_losing_rank(reference[n:, mechanism.joints], nearby[n:, mechanism.joints])
         # transposed, so that each row belongs to a passive joint
         joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)  # indices into `passive`
         if len(rows) or len(joints):
@@ -159,7 +160,8 @@ def find_spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices:
         return ()
     names = mechanism.rows.names
     for matrix in matrices:
-        with_springs = independent_rows(matrix[-len(names) :])  # along all columns, springs included
+        # along all columns, springs included
+        with_springs = independent_rows(matrix[len(matrix) - len(names) :])
         if len(with_springs) > len(independent):
             return tuple(names[row] for row in np.setdiff1d(with_springs, independent))
     return ()

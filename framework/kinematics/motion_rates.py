@@ -208,8 +208,8 @@ def jacobian_rates(
     ddS = bracket(A, frames.screws) + bracket(V, dS)
 
     # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
-    c, dc, ddc = motions.rates  # (T, F, 4, 3) each
-    loop_rates = wrench_changes(robot.spanning_loops, np.array([c, c, dc]), np.stack([dc, ddc, dc]))
+    rates = motions.rates  # (3, T, F, 4, 3): c, c', c"
+    loop_rates = wrench_changes(robot.spanning_loops, rates[[0, 0, 1]], rates[[1, 2, 1]])
     loop_rates[1, ..., 3:] += loop_rates[2, ..., 3:]
     platform_rates = robot.platform.wrench_rates(motions, np.array([dS, ddS]))  # (2, T, n, 6)
     dW, ddW = np.concatenate([platform_rates, loop_rates[:2]], axis=2)  # (T, n + m, 6) each

@@ -10,7 +10,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -183,9 +183,11 @@ def loop_rows(
         coefficients = np.pad(list(coupling.terms.values()), (0, M - terms))
         powers = np.pad(list(coupling.terms), ((0, M - terms), (0, K - k)))
         rows.append((f"{coupling.name}.q", 0, 0, *product, True, columns, places, coefficients, powers))
+    # a row that is not kept gives columns of a table without rows their types
+    count = len(rows)
+    rows.append(("", 0, 0, *_RowProduct(), *no_coupling))
     names, *tables = zip(*rows, strict=True)  # a column for each field
-    arrays: Iterator[Any] = map(np.array, tables)
-    return LoopRows(names, *arrays)
+    return LoopRows(names, *map(np.array, tables)).take(np.arange(count))
 
 
 class _RowProduct(NamedTuple):

@@ -36,7 +36,6 @@ from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,
-    LooseMotion,
     describe_jogged_pose,
     drag_platform,
     loose_motion,
@@ -161,19 +160,12 @@ def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
         return None
     poses = joint_poses(robot, loose.q)
     places = platform_positions(robot, poses)
-    words = {"count": len(places), "words": _describe_wobble(robot, loose)}
-    return encode_each(poses=poses, places=places) | words
-
-
-def _describe_wobble(robot: ParallelRobot, loose: LooseMotion) -> str:
-    """Describe how far the platform moves while the motors hardly move."""
     slides = robot.sliding[robot.actuated]
-    platform = _list_motions(loose.shift, loose.turn)
-    motors = _list_motions(loose.motors[slides].max(initial=0.0), loose.motors[~slides].max(initial=0.0))
-    return (
-        f"It wobbles: {' with '.join(platform)} of the platform to either side take no more than "
-        f"{' or '.join(motors)} of a motor."
-    )
+    platform = " with ".join(_list_motions(loose.shift, loose.turn))
+    largest = loose.motors[slides].max(initial=0.0), loose.motors[~slides].max(initial=0.0)
+    motors = " or ".join(_list_motions(*largest))
+    words = f"It wobbles: {platform} of the platform to either side take no more than {motors} of a motor."
+    return encode_each(poses=poses, places=places) | {"count": len(places), "words": words}
 
 
 def _list_motions(shift: float, turn: float) -> list[str]:

@@ -91,7 +91,7 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
         ax.axhline(study.tolerance, color=ALARM, linewidth=0.8, label=f"tolerance {study.tolerance:.2g}")
         for crossing in study.highest.crossings:
             draw_dashed(ax, crossing.s)
-    axes[-1].set_xlabel("path coordinate  $s$")
+    axes[-1].set_xlabel("path coordinate  $s$" + "  (dashed: singular)" * bool(study.highest.crossings))
     legend_above(axes[0], columns=2)
     return axes[0]
 

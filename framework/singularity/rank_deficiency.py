@@ -197,20 +197,20 @@ def _miss_at_end(
     The end is no near miss if a `known` contact is closer than the distance over which g changes by its own
     value; nor if the least singular value at the end of its `panel` is above `level`.
     """
-    matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     degrees = np.arange(len(panel.series))
     at_end = panel.series * outwards**degrees  # T_k(1) = 1 and T_k(-1) = (-1)^k
     value = at_end.sum()
     slope = outwards * (at_end @ degrees**2)  # T_k'(1) = k^2
-    if least_singular_values(matrix) >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
+    if value * slope * outwards >= 0.0:  # |g| grows outwards
         return None
     # distance in s over which g changes by its own value, if it is linear; local coordinates span 2
     width = float(0.5 * panel.width * abs(value / slope))
-    if not _is_apart(s, known, width):
+    matrix = panel.matrices[0 if s == 0.0 else -1]
+    values = singular_values(matrix)
+    if values[-1] >= level or not _is_apart(s, known, width):
         return None
-    size = measured.border_width(singular_values(matrix))
-    return NearMiss(s, _signed_least_value(matrix[None]), width, size)
+    return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(values))
 
 
 def _signed_least_value(matrix: Array) -> float:
