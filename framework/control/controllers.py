@@ -232,8 +232,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     robot = reference.robot
     model = linearise_plan(reference, ("torque",))
     plant = Plant.of(model)
-    start = np.zeros(model.A.shape[1])
-    start[2 * model.m :] = 1.0
+    start = np.eye(model.A.shape[1])[:, 2 * model.m :]  # (N, n_a) an error of each torque
     largest = default_bandwidth(delay * reference.period, reference.period, DEFAULT_BANDWIDTH)
 
     bandwidths = BANDWIDTHS[largest >= BANDWIDTHS]

@@ -50,6 +50,10 @@ def hand_document(robot: ParallelRobot) -> Document:
     """Return the page's document of a robot at its reference, with sliders."""
     reference = robot.reference
     start = describe_jogged_pose(robot, reference.q)
+    lines = None  # of action of the motors' forces
+    with suppress(NotAssembled):
+        hold = hold_at(robot, reference.q, np.zeros(robot.n))
+        lines = action_lines(robot, hold.motor_speed[None])
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
     # `wrench_kind` is "force along" or "torque about": the second word leads to t_s
@@ -60,7 +64,7 @@ def hand_document(robot: ParallelRobot) -> Document:
             "about": describe_catalogue_entry(robot),
             "push": f"{HELD_WRENCH:g} {wrench_unit(robot)} {wrench_kind(robot).split()[1]} t_s",
             "flat": robot.n == 2,
-            "lines": _has_lines(robot),
+            "lines": lines is not None,
             "no_figure": why_no_figure(robot) if len(robot.passive) else "",
             "drag": len(robot.platform.sliding) > 0,
             "poses": encode_floats(poses),
@@ -121,15 +125,6 @@ def _describe_pose(pose: JoggedPose) -> str:
         return "On a Type 2 singularity. Locked motors do not resist the arrow, the uncontrolled motion."
     name, meaning = CLASSES[pose.kind]
     return f"Near a {name}. There {meaning}." if is_near else f"On a {name}. Here {meaning}."
-
-
-def _has_lines(robot: ParallelRobot) -> bool:
-    """Return whether each motor's force has a line of action."""
-    try:
-        hold = hold_at(robot, robot.reference.q, np.zeros(robot.n))
-    except NotAssembled:
-        return False
-    return action_lines(robot, hold.motor_speed[None]) is not None
 
 
 def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:

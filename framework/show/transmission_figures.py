@@ -85,15 +85,16 @@ def _units(result: LinkageTransmission, kind: str) -> str:
 
 def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
     """Draw the polygons of the posture and of both ends of both axes."""
-    lines = [_line(result, k) for k in (0, 1)]
-    posture = int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))
     units = ", ".join(dict.fromkeys(result.robot.axis_units))
-    shown = dict.fromkeys([posture, *(int(line[end]) for line in lines for end in (0, -1))])
-    for k, pose in enumerate(list(shown)[:SHOWN_POSTURES]):
-        vertices = getattr(result.limits[pose], kind).vertices
-        middle = vertices - vertices.mean(axis=0)
-        order = np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))
-        corners = vertices[np.append(order, order[0])]
+    poses = [int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))]  # the posture's, then the ends'
+    for axis in (0, 1):
+        line = _line(result, axis)
+        poses += [int(line[0]), int(line[-1])]
+    for k, pose in enumerate([*dict.fromkeys(poses)][:SHOWN_POSTURES]):
+        vertices = getattr(result.limits[pose], kind).vertices  # (v, 2), in any order
+        arms = vertices - vertices.mean(axis=0)
+        around = np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))  # corners of a convex polygon, by their angle
+        corners = vertices[np.append(around, around[0])]
         place = ", ".join(f"{value:.2g}" for value in result.x[pose])
         ax.plot(corners[:, 0], corners[:, 1], label=f"at {place} {units}", **line_style(k))
     word = "torque" if kind == "wrenches" else "speed"
