@@ -374,11 +374,12 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
         cost = max_torque_ratio(plan, best.reference)
         peaks = torque_facts(plan.robot, bound.value * best.reference, 4)
         least = f"has a peak below {peaks[best.reference.argmax()].text}"
-    over = cost / bound.value - 1.0
+    ratio = cost / bound.value
+    above = f"{100 * (ratio - 1):z.1f} % more" if ratio < 10 else f"{ratio:.0f} times as much"
     uncounted_limits = ["required times"] * bool(best.specification.times)
     uncounted_limits += ["torque-speed curves and RMS torques"] * (best.specification.drives is not None)
     uncounted = f"; {' and '.join(uncounted_limits)} are not counted" if uncounted_limits else ""
-    return [Fact("bound", f"no law {least}, this one {100 * over:z.1f} % more{uncounted}")]
+    return [Fact("bound", f"no law {least}, this one {above}{uncounted}")]
 
 
 def plan_lines(plan: CrossingPlan) -> list[str]:

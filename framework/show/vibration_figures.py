@@ -23,7 +23,7 @@ from framework.numerics.arrays import Array
 from framework.planning.result import CrossingPlan
 from framework.show.captions import display_name
 from framework.show.drawing import ARROW_LENGTH, draw_arrow, draw_robot
-from framework.show.sight import robot_sight
+from framework.show.sight import ShownObjects, robot_sight
 from framework.show.style import ALARM, CROSSING, TWIST, draw_dashed, figure_file, line_style, use_style
 
 SHOWN_MODES = 5  # vibrations that are drawn
@@ -39,18 +39,19 @@ def plot_modes(result: PlatformStiffness) -> Figure:
     DRAWN_MOTION.
     """
     robot = result.robot
-    sight = robot_sight(robot, result.q)
+    poses = joint_poses(robot, result.q[None])
+    foot = platform_positions(robot, poses)[0]
+    twist = platform_frame_twists(robot, result.q[None], result.softest_direction[None])[0, :3]
+    size = float(np.linalg.norm(twist))
+    arrow = twist * (size > 0.1 * robot.length)  # of a unit in robot lengths; a turn has none
+    sight = robot_sight(robot, result.q, ShownObjects(np.array([foot, foot + arrow]), arrow, None))
     count = min(len(result.squares), SHOWN_MODES)
     rows = -(-(count + 1) // COLUMNS)  # rounded up
     drawing = Figure(figsize=(2.4 * COLUMNS, 2.5 * rows), layout="constrained")
     first, *others = drawing.subplots(rows, COLUMNS, squeeze=False).ravel()
     draw_robot(robot, result.q, first, sight=sight)
-    poses = joint_poses(robot, result.q[None])
-    foot = platform_positions(robot, poses)[0]
-    twist = platform_frame_twists(robot, result.q[None], result.softest_direction[None])[0, :3]
-    size = float(np.linalg.norm(twist))
-    if size > 0.1 * robot.length:  # the direction is scaled to robot lengths; a turn has no arrow
-        draw_arrow(first, sight.onto(foot), sight.onto(ARROW_LENGTH * robot.length * twist / size), TWIST)
+    if arrow.any():
+        draw_arrow(first, sight.onto(foot), sight.onto(ARROW_LENGTH * robot.length * arrow / size), TWIST)
     first.set_title(f"softest {result.softest_in_words}", fontsize=7)
     rest = sight.onto(_link_lines(result, poses))
     for k, ax in enumerate(others):

@@ -12,12 +12,14 @@ from scipy.spatial import ConvexHull
 import robots
 from framework import InvalidInput, plan_scene
 from framework.atlas import survey_window, workspace_map
+from framework.dynamics import platform_stiffness
 from framework.kinematics.placements import frame_positions, joint_poses
-from framework.show.drawing import convex_hull, draw_robot, gallery_picture, plot_still
+from framework.show.drawing import ARROW_LENGTH, convex_hull, draw_robot, gallery_picture, plot_still
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import robot_sight
 from framework.show.style import PATH
+from framework.show.vibration_figures import plot_modes
 from tests.browser.pages import filmed
 
 
@@ -167,3 +169,11 @@ def test_robots_plans_and_maps_show_themselves_in_notebooks():
         assert found["image/png"].startswith(b"\x89PNG")
         assert found["text/plain"] == repr(shown)
         assert len(described["image/png"]["alt"]) > 20
+
+
+@pytest.mark.slow
+def test_the_softest_direction_of_a_spatial_robot_is_drawn_at_most_of_its_length():
+    robot = robots.load("delta", flexibility="flexible_links")
+    softest, *_ = plot_modes(platform_stiffness(robot, robot.reference.q)).axes
+    drawn = np.linalg.norm(np.diff(softest.lines[0].get_xydata(), axis=0))
+    assert 0.8 < drawn / (2 * ARROW_LENGTH * robot.length) <= 1.0 + 1e-12

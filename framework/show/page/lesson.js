@@ -170,7 +170,7 @@ function drawCurves() {
   for (const [id, content] of Object.entries(drawn)) {
     const box = byId(id), before = box.querySelector(".chart"), isFocused = before === document.activeElement;
     if (before) before.remove();
-    charts[id] = new Chart(box, { time: now.shares, along: "share of the path", tell: (s) => `${Math.round(100 * s)} % of the path`, seek: goTo, height: box.clientHeight / scale, ...content });
+    charts[id] = new Chart(box, { time: now.shares, along: "place on the path s", tell: (s) => `${Math.round(100 * s)} % of the path`, seek: goTo, height: box.clientHeight / scale, ...content });
     if (isFocused) charts[id].root.focus({ preventScroll: true });
   }
   mark();
