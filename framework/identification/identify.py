@@ -49,7 +49,7 @@ from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.output import Document, plain, select_fields
-from framework.tolerances import BETTER_DEVIATIONS, SAME_PLACE, SIGNIFICANT_DEVIATIONS
+from framework.tolerances import BETTER_DEVIATIONS, RANK_ROUNDING, SAME_PLACE, SIGNIFICANT_DEVIATIONS
 
 BLOCKS = 5 * HELD_OUT_EVERY  # equal parts of a recording, the last of every HELD_OUT_EVERY is held out
 
@@ -363,11 +363,12 @@ def _compare(
         return test.torque - test.constant - test.matrix @ beta - estimated.offset
 
     models = {"twin": residuals(possible), "zero": test.torque, "file": residuals(links.values)}
-    # dry and viscous friction explain the torques, nothing else does
-    design = choose_unknowns(base, links, ["friction"]).design
-    bare = rows._replace(constant=np.zeros_like(rows.constant))
-    friction = estimate(bare, design, np.zeros(base.rank), errors)
-    models["friction alone"] = test.torque - test.matrix @ (design @ friction.values) - friction.offset
+    # dry and viscous friction explain the torques, nothing else does: their least squares
+    design = choose_unknowns(base, links, ["friction"]).design  # (rank, k)
+    sizes = np.sqrt(np.mean(rows.torque**2, axis=0)) + np.finfo(float).tiny  # (n_a,)
+    columns = (rows.matrix @ design / sizes[:, None])[rows.valid]  # (equations, k)
+    friction = np.linalg.lstsq(columns, (rows.torque / sizes)[rows.valid], rcond=RANK_ROUNDING)[0]  # (k,)
+    models["friction alone"] = test.torque - test.matrix @ (design @ friction)
     if tuple(only) != (PAYLOAD,):
         with suppress(InvalidInput):  # the platform has no mass
             payload = choose_unknowns(base, links, [PAYLOAD])

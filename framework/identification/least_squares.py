@@ -5,7 +5,8 @@ currents, ripple, filters of the drive and what the model leaves out make it col
 give phi and the variance of e; equations filtered by 1 - sum of phi_k z^-k have white noise, and are solved
 again (feasible generalised least squares; Cochrane and Orcutt 1949). The order has the least Bayesian
 information criterion (Schwarz 1978). The inverse Cholesky factor of the correlation of the white noise
-between motors makes their equations independent.
+between motors makes their equations independent. Filters weigh down where the noise is; what is left there
+may then grow, and be taken for more noise. So a filter is renewed only by residuals that are not larger.
 
 Errors of the motion are unknowns too. The coefficients of its splines have errors z, with the information
 that the angles give. They reach all torques of several knots, by the torques' derivatives with respect to
@@ -117,6 +118,7 @@ def estimate(
     noise_filters = [np.ones(1) / size for size in np.sqrt(np.mean(rows.torque**2, axis=0))]
     unmix = np.eye(n_a)
     size = np.zeros(n_a)  # of the noise
+    least_size = np.full(n_a, np.inf)
     for _ in range(max_passes):
         whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         slopes = banded_rows(response @ factors, groups, T * signals) @ by_acceleration  # (T n_a, z)
@@ -172,10 +174,14 @@ def estimate(
         noises = [part.T @ random.standard_normal(part.shape[0]) for part in (W, by_samples)]
         draw = information.solve(noises[0] + noises[1])
         noise = residual - (slopes @ (z + draw)).reshape(T, n_a)
-        noise_filters = [_noise_filter(*motor) for motor in zip(noise.T, rows.valid.T, strict=True)]
-        if rows.independent == 1.0:  # else motors repeat one another
-            unmix = _unmixing(noise, rows.valid, noise_filters)
         size_before, size = size, np.sqrt(np.sum(noise**2 * rows.valid, axis=0))
+        is_smaller = size <= (1.0 + same_noise) * least_size  # (n_a,)
+        least_size = np.minimum(size, least_size)
+        # what a filter takes for noise, the next solution may leave: noise that grows is the model's error
+        for motor in np.flatnonzero(is_smaller):
+            noise_filters[motor] = _noise_filter(noise[:, motor], rows.valid[:, motor])
+        if rows.independent == 1.0 and is_smaller.all():  # else motors repeat one another
+            unmix = _unmixing(noise, rows.valid, noise_filters)
         is_same = np.abs(size - size_before) <= same_noise * size_before
         if is_same.all() and np.linalg.norm(np.linalg.solve(spread, step)) < converged:
             break

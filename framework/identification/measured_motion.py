@@ -332,8 +332,7 @@ def smooth(
 ) -> SmoothedSamples:
     """Smooth samples (T, k) at increasing times (T,); differentiate twice at instants `shown` (S,).
 
-    The number m of spline coefficients is 2 `cutoff` duration or, by default, that of the least generalised
-    cross-validation score, multiplied over the signals.
+    The number m of spline coefficients is 2 `cutoff` duration or, by default, that of `_choose_trial`.
 
     Raises:
         InvalidInput: the cutoff is outside the range that the samples allow.
@@ -351,8 +350,7 @@ def smooth(
         highest_count = most / refinement
         steps = int(np.log(highest_count / min_coefficients) / np.log(growth))
         trials = np.geomspace(min_coefficients, highest_count, 1 + steps)
-        scores = [_cross_validation(times, samples, int(count)) for count in trials]
-        count = int(refinement * trials[int(np.argmin(scores))])
+        count = int(refinement * trials[_choose_trial(times, samples, trials.astype(int))])
     else:
         lowest, highest = 0.5 * min_coefficients / duration, 0.5 * most / duration
         if not lowest <= cutoff <= highest:
@@ -401,13 +399,28 @@ def _fit_spline(times: Array, samples: Array, count: int) -> Any:
     return make_lsq_spline(times, samples, padded, k=degree)
 
 
-def _cross_validation(times: Array, samples: Array, count: int) -> float:
-    """Compute the logarithm of the generalised cross-validation score, summed over the signals (T, k)."""
+def _choose_trial(times: Array, samples: Array, counts: IntArray) -> int:
+    """Return the index among increasing counts (c,) of coefficients that smooths samples (T, k) best.
+
+    The score of cross-validation, multiplied over the signals, takes noise for white. Errors of time stamps
+    that last for some samples are not: they look like motion, and the least score has too many coefficients.
+    What the squares lose from one count to the next is energy of the coefficients between, that of their
+    accelerations is omega^4 times as much. Towards fewer coefficients this falls while they hold noise whose
+    spectrum is flatter than omega^-4, and rises where they hold motion. The least score is left for fewer
+    coefficients as long as it falls.
+    """
     cost = 1.4
-    residual = samples - _fit_spline(times, samples, count)(times)
+    fits = [_fit_spline(times, samples, int(count))(times) for count in counts]
     rounding = np.finfo(float).eps * np.abs(samples).max(axis=0) + np.finfo(float).tiny
-    rms = np.sqrt(np.mean(residual**2, axis=0)) + rounding
-    return float(np.sum(np.log(rms / (len(times) - cost * count))))
+    squares = np.mean((samples - np.array(fits)) ** 2, axis=1) + rounding**2  # (c, k)
+    scores = np.sum(0.5 * np.log(squares) - np.log(len(times) - cost * counts[:, None]), axis=1)
+    lost = np.maximum(-np.diff(squares, axis=0), rounding**2) / np.diff(counts)[:, None]  # (c - 1, k)
+    energies = np.sum(np.log(lost), axis=1)
+    energies += 2.0 * samples.shape[1] * np.log(counts[:-1] * counts[1:])  # omega^4 of their geometric mean
+    chosen = int(np.argmin(scores))
+    while 0 < chosen < len(energies) and energies[chosen - 1] < energies[chosen]:
+        chosen -= 1
+    return chosen
 
 
 # ------------------------------------------------------------------ poses

@@ -635,6 +635,36 @@ def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monk
     assert "none.csv" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_accelerations_hold_where_time_stamps_jitter(memory):
+    """No cutoff makes a quarter of the error, also where one error of a stamp is like the one before."""
+    random = np.random.default_rng(0)
+    T, last = 2000, slice(100, -100)
+    white = random.standard_normal(T)
+    late = np.zeros(T)
+    for k in range(1, T):
+        late[k] = memory * late[k - 1] + np.sqrt(1.0 - memory**2) * white[k]
+    omega = 2.0 * np.pi * 0.2 * np.arange(1, 6)
+    amplitudes = random.standard_normal((5, 2)) / omega[:, None]
+    times = 0.005 * np.arange(T)
+    samples = np.sin(np.outer(times + 4e-4 * late, omega)) @ amplitudes
+    accelerations = -np.sin(np.outer(times, omega)) @ (omega[:, None] ** 2 * amplitudes)
+
+    def error(cutoff: float | None) -> float:
+        return float(np.linalg.norm((smooth(times, samples, cutoff).values[2] - accelerations)[last]))
+
+    assert error(None) < 4.0 * min(map(error, (2.0, 3.0, 4.0)))
+
+
+def test_friction_alone_explains_no_less_than_nothing():
+    """Least squares leave no more than the torques where both are the same data."""
+    nominal = robots.load("four_bar")
+    data = measured(sines(nominal, duration=4.0, rate=50.0, size=0.03, seed=2), nominal, 0)
+    found = identify(nominal, data, held_out=data)
+    left = {prediction.model: np.linalg.norm(prediction.errors) for prediction in found.predictions}
+    assert left["friction alone"] <= left["zero"] * (1.0 + 1e-9)
+
+
 def test_smoothing_does_not_know_when_the_clock_was_started():
     times = np.linspace(0.0, 1.0, 201)
     samples = np.sin(np.outer(times, [3.0, 7.0]))
