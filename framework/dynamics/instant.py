@@ -263,7 +263,7 @@ def stack_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
     """
     values = finite_numbers(name, entries, width, stacks=True)
     if values.ndim == 1:
-        return np.repeat(values[None], count, axis=0)
+        return values[None].repeat(count, axis=0)
     if len(values) != count:
         raise InvalidInput(f"{name}: got {len(values)} rows for {count} configurations")
     return values

@@ -254,7 +254,7 @@ def residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array
     idle = robot.structure.idle
     multipliers = loop_multipliers(robot, linearised, r, torque)
     w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
-    residual = np.zeros_like(r)
+    residual = np.zeros(r.shape)
     residual[:, columns] = np.vecmat(w, linearised.platform[:, :, columns])  # X' w
     loop_forces = np.vecmat(lambda_, linearised.closures[:, :, idle])  # J' lambda
     residual[:, idle] = r[:, idle] - loop_forces

@@ -103,7 +103,7 @@ def find_instants(law: MotionLaw, edges: Array, places: Sequence[float] | Array)
     for _ in range(newton_steps if len(t) else 0):
         value, slope = law_derivatives(law, t, 2)
         # no step where the law stands still
-        step = np.divide(value - targets, slope, out=np.zeros_like(t), where=slope != 0.0)
+        step = np.divide(value - targets, slope, out=np.zeros(t.shape), where=slope != 0.0)
         t = (t - step).clip(starts[panels], edges[1:][panels])
         if np.abs(step).max() < rounding:
             break

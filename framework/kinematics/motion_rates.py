@@ -200,7 +200,7 @@ def jacobian_rates(
     moment, the change of W(c') by c'.
     """
     frames = linearised.frames
-    twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
+    twists = body_twists(robot, frames.q, v, np.zeros(v.shape) if a is None else a)
     motions = move_with_bodies(robot, frames, twists)
     V, A = twists.take(tree_columns(robot).owner, axis=2)  # (T, nv, 6) each, of the body behind each joint
 
@@ -222,7 +222,7 @@ def jacobian_rates(
     signs = robot.equations.signs
     first, second = first * signs, second * signs
     if robot.spanning_loops.has_couplings:
-        accelerations = np.zeros_like(v) if a is None else a
+        accelerations = np.zeros(v.shape) if a is None else a
         of_couplings = coupling_jacobian_rates(robot.spanning_loops, frames.q, v, accelerations)
         first[:, robot.n :] += of_couplings[0]
         second[:, robot.n :] += of_couplings[1]
@@ -291,7 +291,7 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
     """Compute the Lie bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv); zero except for balls."""
-    lie_bracket = np.zeros_like(motions)
+    lie_bracket = np.zeros(motions.shape)
     balls = ball_columns(robot.model)  # (b, 3)
     if len(balls):
         lie_bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])

@@ -96,7 +96,7 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Array |
     inertia = inertial_forces(robot, motion)  # (T, nv)
     damping = damping_forces(robot, motion.q, motion.v)  # (T, nv)
     # s" = 1 at rest gives joints the accelerations dq/ds
-    (along_path,) = inertial_forces(robot, Motion(motion.q[:1], np.zeros_like(rates), rates, crossing.pose))
+    (along_path,) = inertial_forces(robot, Motion(motion.q[:1], np.zeros(rates.shape), rates, crossing.pose))
     wrenches = branch.wrenches.evaluate(robot, crossing.pose.frames, s)
     (static,) = static_forces(robot, motion.q[:1], wrenches)
 
