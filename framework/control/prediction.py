@@ -198,7 +198,7 @@ class LinearModels(NamedTuple):
 
         candidates: list[tuple[Regulator, LoopPrediction]] = []
         for noise, torque in product(NOISE_FACTORS, TORQUE_FACTORS):
-            weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
+            weights = Weights(torque=torque * tuning.torque_share, noise=noise)
             if weights.torque not in self.gains:  # they do not depend on sensors
                 self.gains[weights.torque] = regulator_gains(reference, model, weights)
             observer = tune_filter(reference, model, plants[0], sensors, spread, weights, prior)
