@@ -492,7 +492,7 @@ MOTION_OFF_PATH = 1e-3
 """Distance of a simulated platform from its path [robot lengths, rad]: above, `crossing simulate` says no.
 
 Certified torques come back to 1e-5. At 1e-2 torques pass that leave the path by as much; at 1e-4 long motions
-may be refused, in which what is off grows.
+may be refused, in which errors grow.
 """
 
 # ------------------------------------------------------------------ proofs

@@ -83,7 +83,11 @@ class LoopStructure(ReadOnlyArrays):
         loops = at_reference[platform_rows:]
         joints = mechanism.joints  # all columns without those of the springs' own joints
         independent = independent_rows(loops[:, joints])
-        idle = find_idle_joints(at_reference[:, passive], passive)
+        # One passive joint for each motion that moves neither platform nor loops, such as the turn of a rod
+        # about its own axis: the null space of `motion_matrix` along the passive joints. They carry no load
+        # if the turning body is balanced about its axis; `dynamics.motion_checks` measures what remains.
+        idle_motions = null_directions(at_reference[:, passive], RANK_ROUNDING)  # (c, n_p)
+        idle = passive[choose_rows(idle_motions.T, len(idle_motions))]
         moving = np.setdiff1d(joints, idle)
 
         spanning = independent
@@ -161,17 +165,6 @@ def find_spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices:
         if len(with_springs) > len(independent):
             return tuple(names[row] for row in np.setdiff1d(with_springs, independent))
     return ()
-
-
-def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
-    """Find one of the `passive` columns (n_p,) for each motion that moves neither platform nor loops.
-
-    An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix`
-    along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
-    about its axis; `dynamics.motion_checks` measures the load that remains.
-    """
-    motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
-    return passive[choose_rows(motions.T, len(motions))]
 
 
 def jacobians_apart(mechanism: Mechanism, reference: Array) -> list[Array]:

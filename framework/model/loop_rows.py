@@ -134,14 +134,16 @@ class LoopRows(ReadOnlyArrays):
 
     def append(self, other: LoopRows) -> LoopRows:
         """Return these rows and then the `other` ones."""
-        tables = [[getattr(rows, field.name) for field in fields(self)] for rows in (self, other)]
-        names, *columns = zip(*tables, strict=True)
-        return LoopRows(sum(names, ()), *map(np.concatenate, columns))
+        arrays = {name: np.concatenate([vars(self)[name], vars(other)[name]]) for name in _ARRAYS}
+        return LoopRows(self.names + other.names, **arrays)
 
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of the `rows` at indices (k,)."""
-        names, *columns = (getattr(self, field.name) for field in fields(self))
-        return LoopRows(tuple(names[i] for i in rows), *(column[rows] for column in columns))
+        arrays = {name: vars(self)[name][rows] for name in _ARRAYS}
+        return LoopRows(tuple(self.names[i] for i in rows), **arrays)
+
+
+_ARRAYS = [field.name for field in fields(LoopRows)][1:]  # of LoopRows, each with an item a row
 
 
 class CoupledJoints(NamedTuple):
