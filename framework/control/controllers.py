@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.control.deviation import Feedback, Plant, closed_loop_deviation
+from framework.control.deviation import Plant, closed_loop_deviation
 from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
 from framework.control.reference import Reference, fading_thresholds
 from framework.control.sensors import ControlLoop
@@ -241,7 +241,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     gains = [motor_gains(reference, model, MotorControl.of(inertia, one)) for one in bandwidths]
     gain = np.stack(gains, axis=1)  # (K, bandwidths, n_a, N)
     deviations = [
-        closed_loop_deviation(Feedback(gain, periods), [plant] * len(bandwidths), start).z[:, :, : robot.n]
+        closed_loop_deviation([plant] * len(bandwidths), start, gain, periods).z[:, :, : robot.n]
         for periods in (delay, delay + 1)
     ]
     worst = (np.maximum(*deviations) / robot.platform_scale).max(axis=(1, 2))  # (bandwidths,)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.control.controllers import Measurement, estimate_state
-from framework.control.deviation import Feedback, Observer, Plant
+from framework.control.deviation import Observer, Plant
 from framework.control.linear_model import LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.sensors import (
@@ -75,11 +75,6 @@ class Regulator:
     delay: int  # [periods] known, from measurement to torque
     observer: Observer
     sensors: LoopSensors | None  # that are read; None: h and h', which are measured
-
-    @property
-    def feedback(self) -> Feedback:
-        """The torques by z, observed."""
-        return Feedback(self.gain, self.delay, self.observer)
 
     def start(self, runs: int) -> RegulatorRun:
         """Return the controller of R runs at the start of the plan."""
