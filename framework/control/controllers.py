@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.control.deviation import Feedback, Plant, closed_loop_deviation
+from framework.control.deviation import Plant, closed_loop_deviation
 from framework.control.linear_model import DISTURBANCES, LinearModel, linearise_plan
 from framework.control.reference import Reference, fading_thresholds
 from framework.control.sensors import ControlLoop
@@ -241,7 +241,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     gains = [motor_gains(reference, model, MotorControl.of(inertia, one)) for one in bandwidths]
     gain = np.stack(gains, axis=1)  # (K, bandwidths, n_a, N)
     deviations = [
-        closed_loop_deviation(Feedback(gain, periods), [plant] * len(bandwidths), start).z[:, :, : robot.n]
+        closed_loop_deviation([plant] * len(bandwidths), start, gain, periods).z[:, :, : robot.n]
         for periods in (delay, delay + 1)
     ]
     worst = (np.maximum(*deviations) / robot.platform_scale).max(axis=(1, 2))  # (bandwidths,)
@@ -297,7 +297,16 @@ class ComputedTorque:
                 f"{robot.name} has {robot.n_e} springs, {robot.n_a} motors, {robot.n} axes: use feedforward"
             )
         J = scaled_loops(robot, reference.motion.linearised)  # (K, m, nv)
-        multipliers = _planned_multipliers(reference, J) if aware else None
+        multipliers = None
+        if aware:
+            # At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows together,
+            # J' lambda = r - S' tau, do so, with the forces r of the open tree, and the planned torque tau on
+            # the joint side, without that of rotors
+            rotor_torque = robot.rotor_inertia * robot.gear_ratio * reference.motion.a[:, robot.actuated]
+            loop_forces = tree_forces(robot, reference.motion)  # (K, nv)
+            loop_forces[:, robot.actuated] -= robot.gear_ratio * (reference.torque - rotor_torque)
+            inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
+            multipliers = np.matvec(inverse, loop_forces * robot.column_scale)
         thresholds = fading_thresholds(J[:, :, robot.following])
         tuning, delay = tuning or Tuning(), 0.0 if loop is None else loop.delay
         default = default_bandwidth(delay, reference.period, PLATFORM_BANDWIDTH)
@@ -354,11 +363,6 @@ class IntegralRun:
     controller: FeedforwardPD | ComputedTorque
     error_integral: Array | float = 0.0  # (R, n_a) [rad s] of motors, (R, n) [m s, rad s] of the platform
 
-    @property
-    def reference(self) -> Reference:
-        """The planned motion."""
-        return self.controller.reference
-
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
         own = self.controller
@@ -414,19 +418,3 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
 
     s = np.full(len(state.q), reference.law(reference.times[k]))  # path coordinate of the planned wrenches
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))
-
-
-def _planned_multipliers(reference: Reference, J: Array) -> Array:
-    """Compute the multipliers lambda (K, m) of the scaled loop rows J (K, m, nv) along the plan.
-
-    At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows together,
-    J' lambda = r - S' tau, do so, where r are the forces of the open tree, tau is the planned torque on the
-    joint side, without the torque that accelerates rotors, and S selects the motors.
-    """
-    robot = reference.robot
-    motion = reference.motion
-    rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
-    loop_forces = tree_forces(robot, motion)  # r (K, nv), from which S' tau is subtracted
-    loop_forces[:, robot.actuated] -= robot.gear_ratio * (reference.torque - rotor_torque)
-    inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return np.matvec(inverse, loop_forces * robot.column_scale)

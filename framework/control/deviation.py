@@ -53,14 +53,6 @@ class Observer(NamedTuple):
     noise: Array  # (s,) standard deviations of the readings
 
 
-class Feedback(NamedTuple):
-    """The torque -gain z: of z as observed and predicted through a known delay, or of z itself, late."""
-
-    gain: Array  # (K, n_a, N), or (K, R, n_a, N) of R robots each with a gain of its own
-    delay: int  # [periods]
-    observer: Observer | None = None
-
-
 class Deviation(NamedTuple):
     """Standard deviations of R robots along the plan; infinite after a loop diverges."""
 
@@ -68,16 +60,19 @@ class Deviation(NamedTuple):
     torque: Array  # (R, K, n_a) of the torques less the planned ones [N m, N], motor side
 
 
-def closed_loop_deviation(feedback: Feedback, robots: Sequence[Plant], start: Array) -> Deviation:
+def closed_loop_deviation(
+    robots: Sequence[Plant], start: Array, gain: Array, delay: int, observer: Observer | None = None
+) -> Deviation:
     """Compute the standard deviations of z and of the torques in the closed loop.
 
     Args:
-        feedback: torques by z.
         robots: the R robots, of one structure.
         start: independent starts (N, c) of their z, each of one standard deviation.
+        gain: torques are -gain z, (K, n_a, N), or (K, R, n_a, N) of robots with gains of their own.
+        delay: [periods]
+        observer: of z, which is predicted through the known delay; by default z itself is fed back, late.
     """
     count, N, n_a = robots[0].G.shape
-    observer, delay = feedback.observer, feedback.delay
     model = robots[0] if observer is None else observer.plant
     random = np.random.default_rng(NOISE_SEED)
     start = start[:, start.any(axis=0)]
@@ -109,7 +104,7 @@ def closed_loop_deviation(feedback: Feedback, robots: Sequence[Plant], start: Ar
         ahead = estimate
         for j in range(k, k if observer is None else target):
             ahead = model.F[j] @ ahead + model.G[j] @ (sent[j - delay] if j >= delay else none)
-        command = -feedback.gain[target] @ ahead
+        command = -gain[target] @ ahead
         is_lost |= ~(np.abs(command).max(axis=(1, 2)) < LOST)  # true for NaN
         command[is_lost] = 0.0  # later torques would grow from it without end
         torque[:, k] = (command * command) @ shares

@@ -18,7 +18,7 @@ import numpy as np
 
 from framework.control.closed_loop import MAX_DEVIATION, torque_range
 from framework.control.controllers import Controller, FeedforwardPD, Tuning, motor_gains
-from framework.control.deviation import Feedback, Plant, closed_loop_deviation
+from framework.control.deviation import Observer, Plant, closed_loop_deviation
 from framework.control.linear_model import LinearModel, linearise_variants
 from framework.control.reference import Reference
 from framework.control.regulators import (
@@ -139,23 +139,29 @@ class LinearModels(NamedTuple):
         if isinstance(controller, FeedforwardPD) and not controller.integral:
             # of angles and speeds of motors
             gain = motor_gains(reference, models[0], controller.feedback)
-            feedback = Feedback(gain, loop.delayed_periods(reference.period))
-            return self._deviate(name, loop, feedback, [Plant.of(model) for model in models])
+            delay = loop.delayed_periods(reference.period)
+            return self._deviate(name, loop, [Plant.of(model) for model in models], gain, delay)
         if not isinstance(controller, Regulator):
             return None
         if controller.sensors is None and not sensors_of(reference.robot, loop).state:
             return None
         plants = [plant_with_readings(model, controller.sensors, reference) for model in models]
-        return self._deviate(name, loop, controller.feedback, plants)
+        return self._deviate(name, loop, plants, controller.gain, controller.delay, controller.observer)
 
     def _deviate(
-        self, name: str, loop: ControlLoop, feedback: Feedback, plants: list[Plant]
+        self,
+        name: str,
+        loop: ControlLoop,
+        plants: Sequence[Plant],
+        gain: Array,
+        delay: int,
+        observer: Observer | None = None,
     ) -> LoopPrediction:
-        """Predict the deviations of robots under a feedback: of `within`, then of `ends`, if any."""
+        """Predict `closed_loop_deviation` of the robots of `within`, then of those of `ends`, if any."""
         reference, scale = self.reference, self.reference.robot.platform_scale
         start = prior_starts(reference, self.within[0], self.spread)
         start[: 2 * self.within[0].m] = 0.0  # robots start on the plan
-        deviation = closed_loop_deviation(feedback, plants, start)
+        deviation = closed_loop_deviation(plants, start, gain, delay, observer)
         platform = (deviation.z[:, :, : len(scale)] / scale).max(axis=(1, 2))  # (R,)
         platform = np.where(platform < MAX_DEVIATION, platform, np.inf)
         count = len(self.within)
@@ -198,20 +204,20 @@ class LinearModels(NamedTuple):
 
         candidates: list[tuple[Regulator, LoopPrediction]] = []
         for noise, torque in product(NOISE_FACTORS, TORQUE_FACTORS):
-            weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
+            weights = Weights(torque=torque * tuning.torque_share, noise=noise)
             if weights.torque not in self.gains:  # they do not depend on sensors
                 self.gains[weights.torque] = regulator_gains(reference, model, weights)
+            gain = self.gains[weights.torque]
             observer = tune_filter(reference, model, plants[0], sensors, spread, weights, prior)
-            controller = Regulator(reference, model, self.gains[weights.torque], delay, observer, sensors)
-            prediction = self._deviate("lqg", loop, controller.feedback, plants[: len(self.within)])
+            prediction = self._deviate("lqg", loop, plants[: len(self.within)], gain, delay, observer)
             if prediction.excess(loop.tolerance) <= GOOD_EXCESS:  # ends decide between good ones alone
-                prediction = self._deviate("lqg", loop, controller.feedback, plants)
-            candidates.append((controller, prediction))
+                prediction = self._deviate("lqg", loop, plants, gain, delay, observer)
+            candidates.append((Regulator(reference, model, gain, delay, observer, sensors), prediction))
             if rank(candidates[-1]) == (GOOD_EXCESS, -1.0):
                 break
         controller, prediction = min(candidates, key=rank)
         if prediction.excess(loop.tolerance) > GOOD_EXCESS:
-            prediction = self._deviate("lqg", loop, controller.feedback, plants)
+            prediction = self._deviate("lqg", loop, plants, controller.gain, delay, controller.observer)
         self.tuned[key] = controller, prediction
         return controller, prediction
 

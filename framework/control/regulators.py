@@ -13,12 +13,12 @@ their way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from framework.control.controllers import Measurement, estimate_state
-from framework.control.deviation import Feedback, Observer, Plant
+from framework.control.deviation import Observer, Plant
 from framework.control.linear_model import LinearModel, linearise_plan
 from framework.control.reference import Reference
 from framework.control.sensors import (
@@ -59,13 +59,10 @@ class Weights:
     acceleration: float = 0.03  # of the platform, share of gravity and of the plan's largest acceleration
     motor_torque: float = 0.05  # share of each motor's peak torque, as dry friction in the studies
     correlation: float = 0.02  # [s] time over which both persist, in which motions of 8 Hz change
+    noise: float = 1.0  # factor on both
     # of encoders behind springs, share of the largest deflection: that by which springs are wrong in the
     # studies. An encoder that is trusted to its last bit breaks the filter: it reads unmodelled deflections
     deflection: float = 0.2
-
-    def with_noise(self, factor: float) -> Weights:
-        """Return the weights with more noise of accelerations and motor torques."""
-        return replace(self, acceleration=factor * self.acceleration, motor_torque=factor * self.motor_torque)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +75,6 @@ class Regulator:
     delay: int  # [periods] known, from measurement to torque
     observer: Observer
     sensors: LoopSensors | None  # that are read; None: h and h', which are measured
-
-    @property
-    def feedback(self) -> Feedback:
-        """The torques by z, observed."""
-        return Feedback(self.gain, self.delay, self.observer)
 
     def start(self, runs: int) -> RegulatorRun:
         """Return the controller of R runs at the start of the plan."""
@@ -103,11 +95,6 @@ class RegulatorRun:
     regulator: Regulator
     z: Array  # (R, N) deviations at the last instant
     sent: list[Array]  # (R, n_a) torques sent at all instants so far
-
-    @property
-    def reference(self) -> Reference:
-        """The planned motion."""
-        return self.regulator.reference
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k."""
@@ -145,7 +132,7 @@ class RegulatorRun:
 
     def _deviation(self, k: int) -> Array:
         """Return the torque (R, n_a) that acts in the period after instant k, less the planned one."""
-        return self.sent[max(k - self.regulator.delay, 0)] - self.reference.period_torque[k]
+        return self.sent[max(k - self.regulator.delay, 0)] - self.regulator.reference.period_torque[k]
 
 
 # ------------------------------------------------------------------ gains
@@ -261,7 +248,7 @@ def tune_filter(
 
     # accelerations that the model leaves out, over one period
     n, m = robot.n, model.m
-    persistence = np.sqrt(weights.correlation * period)
+    persistence = weights.noise * np.sqrt(weights.correlation * period)
     gravity = np.linalg.norm(robot.model.gravity.linear) * robot.platform_scale / robot.length  # (n,)
     largest = gravity + np.abs(reference.ddx).max(axis=0)
     noise = np.zeros((len(C), 2 * m))

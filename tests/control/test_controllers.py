@@ -14,7 +14,6 @@ from framework.control.closed_loop import _VariedRobots
 from framework.control.controllers import (
     ComputedTorque,
     RobotState,
-    _planned_multipliers,
     estimate_state,
     fading_thresholds,
     solve_damped,
@@ -233,5 +232,5 @@ def test_planned_multipliers_carry_what_the_motors_do_not(name, scene):
     of_rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
     forces[:, robot.actuated] -= robot.gear_ratio * (ref.torque - of_rotors)
     scaled = scaled_loops(robot, motion.linearised)
-    carried = np.vecmat(_planned_multipliers(ref, scaled), scaled) / robot.column_scale
+    carried = np.vecmat(ComputedTorque.tune(ref, aware=True).multipliers, scaled) / robot.column_scale
     np.testing.assert_allclose(carried, forces, atol=1e-8 * np.abs(forces).max())

@@ -27,7 +27,7 @@ from framework.control import (
     suggest_sensors,
     tuned_controller,
 )
-from framework.control.deviation import Feedback, Observer, Plant, closed_loop_deviation
+from framework.control.deviation import Observer, Plant, closed_loop_deviation
 from framework.control.linear_model import linearise_variants
 from framework.control.prediction import LinearModels
 from framework.control.sensors import sensors_of
@@ -258,7 +258,7 @@ def test_of_a_double_integrator_the_deviation_is_that_of_its_closed_form():
     plant = Plant(np.tile(F, (count, 1, 1)), np.tile(G, (count, 1, 1)), *rows)
     gain = np.tile([[4.0, 4.0, 0.0]], (count, 1, 1))
     for delay in (0, 3):
-        deviation = closed_loop_deviation(Feedback(gain, delay), [plant], np.array([[0.0], [0.0], [0.2]]))
+        deviation = closed_loop_deviation([plant], np.array([[0.0], [0.0], [0.2]]), gain, delay)
         np.testing.assert_allclose(deviation.z[0, -1, 0], 0.05, rtol=1e-3)
         np.testing.assert_allclose(deviation.torque[0, -1], 0.2, rtol=1e-3)
 
@@ -268,11 +268,11 @@ def test_of_a_filtered_number_the_deviation_is_that_of_its_closed_form():
     count = 4000
     one = np.ones((count, 1, 1))
     plant = Plant(one, one, one, 0 * one)
-    feedback = Feedback(0.5 * one, 0, Observer(plant, 0.5 * one, np.ones(1)))
+    observer = Observer(plant, 0.5 * one, np.ones(1))
     step = np.array([[0.75, -0.25], [0.25, 0.25]])  # of (z, z^)
     by_noise = np.array([[-0.25], [0.25]])
     variance = np.linalg.solve(np.eye(4) - np.kron(step, step), np.kron(by_noise, by_noise))[0, 0]
-    z = closed_loop_deviation(feedback, [plant], np.zeros((1, 1))).z[0, 100:, 0]
+    z = closed_loop_deviation([plant], np.zeros((1, 1)), 0.5 * one, 0, observer).z[0, 100:, 0]
     np.testing.assert_allclose((z**2).mean(), variance, rtol=0.05)
     assert z.std() < 0.2 * np.sqrt(variance)  # 32 samples
 
@@ -281,10 +281,10 @@ def test_a_loop_that_diverges_is_infinite_without_a_warning_and_leaves_the_other
     """Feedback of the wrong sign, a period late: z+ = z + 100 u, u = z as predicted through the delay."""
     one = np.ones((400, 1, 1))
     model, held = Plant(one, 100 * one, one, 0 * one), Plant(one, 0 * one, one, 0 * one)
-    feedback = Feedback(-one, 1, Observer(model, one, np.ones(1)))
+    observer = Observer(model, one, np.ones(1))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        deviation = closed_loop_deviation(feedback, [model, held], np.ones((1, 1)))
+        deviation = closed_loop_deviation([model, held], np.ones((1, 1)), -one, 1, observer)
     assert np.isinf(deviation.z[0, -1]).all()
     assert np.isinf(deviation.torque[:, -1]).all()  # also of the robot that torques do not move
     np.testing.assert_allclose(deviation.z[1, :5, 0], 1.0)
@@ -294,8 +294,8 @@ def test_a_robot_with_other_springs_is_read_by_its_own_readings():
     """Readings twice as large count as twice the error: the first estimate is z, not half of it."""
     one = np.ones((3, 1, 1))
     model, other = Plant(one, one, one, 0 * one), Plant(one, one, 2 * one, 0 * one)
-    feedback = Feedback(one, 0, Observer(model, 0.5 * one, np.zeros(1)))
-    z = closed_loop_deviation(feedback, [model, other], np.ones((1, 1))).z[:, :, 0]
+    observer = Observer(model, 0.5 * one, np.zeros(1))
+    z = closed_loop_deviation([model, other], np.ones((1, 1)), one, 0, observer).z[:, :, 0]
     np.testing.assert_allclose(z[0, :2], [1.0, 0.5])
     np.testing.assert_allclose(z[1, :2], [1.0, 0.0], atol=1e-15)
 
