@@ -20,7 +20,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from framework.errors import InvalidInput
-from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -157,33 +156,49 @@ def _trace_modes(
     """Trace the curves of all working modes, modes with the most starts first.
 
     The curves of a mode start from the minima of |g| in this mode, and from the sign `changes` (e, 4) of
-    `_sign_changes` that no earlier curve explains: from every eighth first, since a curve explains many, then
-    from those that are left.
+    `_sign_changes` that no curve of an earlier mode explains. The first start is the centre of the region in
+    which curves are followed; the region covers the map.
 
     Returns:
         The curves; which sign changes are left unexplained, (e,).
     """
-    robot = equations.robot
+    steps_per_reach = 16.0  # least number of steps of a curve along half an edge of its region
+    robot, axes = equations.robot, list(poses.axes)
     minima = _find_minima(poses.g)  # (t, 2)
     q = np.concatenate([poses.q[tuple(minima.T)], _zeros_between(poses, changes)])  # (t + e, nq) of starts
-    start_modes = leg_signs(robot, linearised_at(robot, q))  # (t + e, legs)
-    is_minimum = np.arange(len(q)) < len(minima)
+    linearised = linearised_at(robot, q)
+    start_modes = leg_signs(robot, linearised)  # (t + e, legs)
+    x = robot.platform.coordinates(linearised.frames)[:, axes]
+    is_needed = np.ones(len(q), dtype=bool)
     curves = list[MapCurve]()
-    unexplained = np.ones(len(changes), dtype=bool)
     modes, counts = np.unique(start_modes, axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
-        is_untried = (start_modes == mode).all(axis=1)  # (t + e,)
-        for is_first, stride in ((is_minimum, 8), (np.zeros_like(is_minimum), 1)):
-            is_start = is_untried & is_first
-            is_start[len(minima) + np.flatnonzero(is_untried[len(minima) :] & unexplained)[::stride]] = True
-            is_untried &= ~is_start
-            if not is_start.any():
-                continue
-            for curve in _trace_near(equations, poses, q[is_start]):
+        starts = np.flatnonzero((start_modes == mode).all(axis=1) & is_needed)
+        if not len(starts):
+            continue
+        distances = np.abs(
+            np.stack([poses.lower, poses.upper]) - x[starts[0]]
+        )  # (2, 2) of the sides [m, rad]
+        reach = float(((distances + poses.cell) / robot.platform_scale[axes]).max())  # a cell beyond the map
+        traced = trace_locus(
+            robot,
+            q[starts[0]],
+            free=equations.free_names,
+            reach=reach,
+            starts=0,
+            one_mode=True,
+            near=list(q[starts]),
+            longest=reach / steps_per_reach,
+            with_cusps=False,
+        )
+        for curve in traced.curves:
+            # where the equations lose rank no step leads on, or one by rounding and then none
+            is_stalled = curve.ends == STALLED and len(curve.q) <= 2
+            if not is_stalled and curve.kind != "joints_only":
                 parts = _parts_on_branch(equations, poses, curve)
                 curves += [part for part in parts if _is_new(poses, part, curves)]
-            unexplained = ~_is_explained(poses, changes, curves)
-    return curves, unexplained
+        is_needed[len(minima) :] = ~_is_explained(poses, changes, curves)
+    return curves, is_needed[len(minima) :]
 
 
 def _zeros_between(poses: MapPoses, changes: IntArray) -> Array:
@@ -196,33 +211,6 @@ def _zeros_between(poses: MapPoses, changes: IntArray) -> Array:
     x, q = poses.x[first], poses.q[first]
     ends, arrives = poses.continue_pose(q, x, x + share[:, None] * (poses.x[second] - x))
     return np.where(arrives[:, None], ends, q)
-
-
-def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (k, nq), in the working mode of the first start.
-
-    The first start is the centre of the region in which curves are followed; the region covers the map.
-    """
-    steps_per_reach = 16.0  # least number of steps of a curve along half an edge of its region
-    robot = equations.robot
-    axes = list(poses.axes)
-    centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
-    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre)  # (2, 2) of the map's sides [m, rad]
-    reach = float(((distances + poses.cell) / robot.platform_scale[axes]).max())  # a cell beyond the map
-    traced = trace_locus(
-        robot,
-        starts[0],
-        free=equations.free_names,
-        reach=reach,
-        starts=0,
-        one_mode=True,
-        near=list(starts),
-        longest=reach / steps_per_reach,
-        with_cusps=False,
-    )
-    # where the equations lose rank no step leads on, or one by rounding and then none
-    curves = [curve for curve in traced.curves if curve.ends != STALLED or len(curve.q) > 2]
-    return [curve for curve in curves if curve.kind != "joints_only"]
 
 
 # ------------------------------------------------------------------ the map's signs
@@ -294,17 +282,20 @@ def _cross_lines(x: Array, along: int) -> Array:
     """Find where a curve through points x (m, 2) crosses the lines of poses along one axis, in cells.
 
     An arc that turns by an angle leaves its chord by an eighth of it times the chord. The turn is that from
-    chord to chord; a quarter is counted. The curve may go on for a step at its ends.
+    chord to chord; a quarter is counted. The curve may go on at its ends for its longest step.
 
     Returns:
         (3, crossings): number of the line, least and largest place on the line.
     """
-    x = np.concatenate([2 * x[:1] - x[1:2], x, 2 * x[-1:] - x[-2:-1]])  # (m + 2, 2)
+    ends = x[[0, -1]] - x[[1, -2]]  # (2, 2)
+    longest = np.linalg.norm(np.diff(x, axis=0), axis=1).max()
+    ends *= longest / np.maximum(np.linalg.norm(ends, axis=1, keepdims=True), LEAST_DIVISOR)
+    x = np.concatenate([x[:1] + ends[:1], x, x[-1:] + ends[1:]])  # (m + 2, 2)
     chord = np.diff(x, axis=0)  # (m + 1, 2)
     length = np.linalg.norm(chord, axis=1)
     directions = chord / np.maximum(length, LEAST_DIVISOR)[:, None]
     turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)  # (m,) [rad]
-    doubt = 0.25 * length * np.maximum(np.append(turns, 0.0), np.append(0.0, turns))  # (m + 1,)
+    aside = 0.25 * length * np.maximum(np.append(turns, 0.0), np.append(0.0, turns))  # (m + 1,)
     across = x[:, 1 - along]
     low, high = np.sort(np.floor([across[:-1], across[1:]]).astype(int), axis=0)
     chords = np.repeat(np.arange(len(chord)), high - low)  # of the crossings
@@ -312,7 +303,10 @@ def _cross_lines(x: Array, along: int) -> Array:
     lines = low[chords] + 1 + np.arange(len(chords)) - before[chords]
     shares = (lines - across[chords]) / chord[chords, 1 - along]
     places = x[chords, along] + shares * chord[chords, along]
-    return np.stack([lines, places - doubt[chords], places + doubt[chords]])
+    doubt = (aside * length)[chords] / np.abs(
+        chord[chords, 1 - along]
+    )  # more where the line is met slantwise
+    return np.stack([lines, places - doubt, places + doubt])
 
 
 # ------------------------------------------------------------------ the curves
