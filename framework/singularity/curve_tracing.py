@@ -353,25 +353,13 @@ def _passes(first: Array, second: Array) -> BoolArray:
     The distance of the point from the chord must be below MAX_CURVE_OFFSET chord lengths.
     """
     chord = second - first
-    length = np.linalg.norm(chord, axis=-1)
-    distance = np.linalg.norm(chord_offsets(-first, chord), axis=-1)
+    square = np.sum(chord**2, axis=-1)
+    length = np.sqrt(square)
+    # share of the chord at the foot of the perpendicular; beyond an end, the end is nearest
+    share = np.clip(-np.sum(first * chord, axis=-1) / np.maximum(square, np.finfo(float).tiny), 0.0, 1.0)
+    distance = np.linalg.norm(first + share[..., None] * chord, axis=-1)
     # a chord longer than two steps is a jump of a hinge by a whole turn
     return np.asarray((distance < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP))
-
-
-def chord_offsets(offset: Array, chord: Array) -> Array:
-    """Compute offsets (..., k) of points from the nearest points of their chords.
-
-    All vectors have the same unit, as does the result.
-
-    Args:
-        offset: vectors (..., k) from the starts of the chords to the points.
-        chord: vectors (..., k) from the starts to the ends of the chords.
-    """
-    square = np.maximum(np.sum(chord**2, axis=-1), np.finfo(float).tiny)  # chords may have length zero
-    # share of the chord at the foot of the perpendicular; beyond an end, the end is nearest
-    share = np.clip(np.sum(offset * chord, axis=-1) / square, 0.0, 1.0)
-    return offset - share[..., None] * chord
 
 
 def advance(

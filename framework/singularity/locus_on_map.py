@@ -23,9 +23,9 @@ from framework.errors import InvalidInput
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, ReadOnlyArrays, select
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import least_singular_values
-from framework.singularity.curve_tracing import MAX_CURVE_OFFSET, STALLED, LocusEquations, chord_offsets
+from framework.singularity.curve_tracing import MAX_TANGENT_TURN, STALLED, LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
@@ -169,6 +169,7 @@ def _trace_modes(
     linearised = linearised_at(robot, q)
     start_modes = leg_signs(robot, linearised)  # (t + e, legs)
     x = robot.platform.coordinates(linearised.frames)[:, axes]
+    half_edges = 0.5 * (changes[:, 2:] - changes[:, :2])  # (e, 2) [cells] between the poses
     is_needed = np.ones(len(q), dtype=bool)
     curves = list[MapCurve]()
     modes, counts = np.unique(start_modes, axis=0, return_counts=True)
@@ -196,8 +197,8 @@ def _trace_modes(
             is_stalled = curve.ends == STALLED and len(curve.q) <= 2
             if not is_stalled and curve.kind != "joints_only":
                 parts = _parts_on_branch(equations, poses, curve)
-                curves += [part for part in parts if _is_new(poses, part, curves)]
-        is_needed[len(minima) :] = ~_is_explained(poses, changes, curves)
+                curves += [part for part in parts if not _are_passed(poses, part.x, 0.0, curves).all()]
+        is_needed[len(minima) :] = ~_are_passed(poses, _midpoints(poses, changes), half_edges, curves)
     return curves, is_needed[len(minima) :]
 
 
@@ -250,63 +251,26 @@ def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
     return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
 
 
-def _is_new(poses: MapPoses, part: MapCurve, curves: list[MapCurve]) -> bool:
-    """Return whether any point of a part is on none of the curves.
+def _are_passed(poses: MapPoses, x: Array, reach: ArrayLike, curves: list[MapCurve]) -> BoolArray:
+    """Return whether curves pass within `reach` (e, 2) [cells] of points x (e, 2), (e,).
 
-    On one branch a point determines the configuration.
+    Points `spacing` apart stand for a curve. Arcs leave their chords, which turn by MAX_TANGENT_TURN at most,
+    by an eighth of it times the chord. On one branch a point of the map determines the configuration.
     """
-    is_apart = np.ones(len(part.x), dtype=bool)
+    spacing = 0.1  # [cells]
+    is_passed = np.zeros(len(x), dtype=bool)
     for curve in curves:
-        chord = np.diff(curve.x, axis=0) / poses.cell  # (c, 2)
-        offset = (part.x[:, None] - curve.x[:-1]) / poses.cell  # (m, c, 2)
-        distance = np.linalg.norm(chord_offsets(offset, chord), axis=2)
-        is_apart &= (distance > MAX_CURVE_OFFSET * np.linalg.norm(chord, axis=1)).all(axis=1)
-    return bool(is_apart.any())
-
-
-def _is_explained(poses: MapPoses, changes: IntArray, curves: list[MapCurve]) -> BoolArray:
-    """Return for which sign `changes` (e, 4) a curve passes between the poses, (e,)."""
-    is_explained = np.zeros(len(changes), dtype=bool)
-    in_cells = [(curve.x - poses.lower) / poses.cell for curve in curves]
-    for along in (0, 1):  # the axis along which the poses are neighbours
-        crossings = [np.zeros((3, 0)), *(_cross_lines(x, along) for x in in_cells)]
-        lines, least, largest = np.concatenate(crossings, axis=1)
-        for k in np.flatnonzero(changes[:, 2 + along] > changes[:, along]):
-            first = changes[k, along]
-            is_between = (largest >= first) & (least <= first + 1)
-            is_explained[k] = (is_between & (lines == changes[k, 1 - along])).any()
-    return is_explained
-
-
-def _cross_lines(x: Array, along: int) -> Array:
-    """Find where a curve through points x (m, 2) crosses the lines of poses along one axis, in cells.
-
-    An arc that turns by an angle leaves its chord by an eighth of it times the chord. The turn is that from
-    chord to chord; a quarter is counted. The curve may go on at its ends for its longest step.
-
-    Returns:
-        (3, crossings): number of the line, least and largest place on the line.
-    """
-    ends = x[[0, -1]] - x[[1, -2]]  # (2, 2)
-    longest = np.linalg.norm(np.diff(x, axis=0), axis=1).max()
-    ends *= longest / np.maximum(np.linalg.norm(ends, axis=1, keepdims=True), LEAST_DIVISOR)
-    x = np.concatenate([x[:1] + ends[:1], x, x[-1:] + ends[1:]])  # (m + 2, 2)
-    chord = np.diff(x, axis=0)  # (m + 1, 2)
-    length = np.linalg.norm(chord, axis=1)
-    directions = chord / np.maximum(length, LEAST_DIVISOR)[:, None]
-    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)  # (m,) [rad]
-    aside = 0.25 * length * np.maximum(np.append(turns, 0.0), np.append(0.0, turns))  # (m + 1,)
-    across = x[:, 1 - along]
-    low, high = np.sort(np.floor([across[:-1], across[1:]]).astype(int), axis=0)
-    chords = np.repeat(np.arange(len(chord)), high - low)  # of the crossings
-    before = np.cumsum(high - low) - (high - low)  # crossings of the chords before
-    lines = low[chords] + 1 + np.arange(len(chords)) - before[chords]
-    shares = (lines - across[chords]) / chord[chords, 1 - along]
-    places = x[chords, along] + shares * chord[chords, along]
-    doubt = (aside * length)[chords] / np.abs(
-        chord[chords, 1 - along]
-    )  # more where the line is met slantwise
-    return np.stack([lines, places - doubt, places + doubt])
+        chords = np.linalg.norm(np.diff(curve.x, axis=0) / poses.cell, axis=1)  # (m - 1,)
+        lengths = np.append(0.0, np.cumsum(chords))  # (m,)
+        places = np.linspace(0.0, lengths[-1], int(lengths[-1] / spacing) + 2)
+        points = np.stack([np.interp(places, lengths, along) for along in curve.x.T], axis=1)
+        # (e, 2) [cells]
+        farthest = np.broadcast_to(
+            np.asarray(reach) + 0.5 * spacing + MAX_TANGENT_TURN / 8.0 * chords.max(), x.shape
+        )
+        for k in np.flatnonzero(~is_passed):  # one by one: all times all points would need much memory
+            is_passed[k] = (np.abs(points - x[k]) < poses.cell * farthest[k]).all(axis=1).any()
+    return is_passed
 
 
 # ------------------------------------------------------------------ the curves
