@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
+from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, continue_states, step_poses
 from framework.errors import InvalidInput, NotAssembled, finite_numbers
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
@@ -228,8 +228,10 @@ def _follow_rays(
     than 1 if MAX_RAY_STEPS ended the search.
     """
     count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # segments of a ray
-    q = np.tile(centre.q, (len(rays), 1))  # of the rays that are still followed
-    sign = centre.signs_of_g(q[:1])  # (1,) at the centre
+    robot = centre.robot
+    at_centre = ModeStates.of(robot, linearised_at(robot, centre.q[None]))
+    states = select(at_centre, np.zeros(len(rays), dtype=int))  # of the rays that are still followed
+    sign = centre.signs_of_g(at_centre.q)  # (1,) at the centre
     crossed: list[_RaySegments] = []
     ended: list[_RaySegments] = []
     steps = 0  # along all rays
@@ -238,8 +240,9 @@ def _follow_rays(
             return join(crossed), join(ended), k / count
         steps += len(rays)
         progress(steps)
-        segments = _RaySegments(q, rays * (k / count), rays * ((k + 1) / count))
-        step = centre.step(*segments, STEP_PARTS)
+        segments = _RaySegments(states.q, rays * (k / count), rays * ((k + 1) / count))
+        places = centre.coordinates(segments.start), centre.coordinates(segments.end)
+        step = continue_states(robot, states, *places, STEP_PARTS)
 
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
@@ -248,7 +251,7 @@ def _follow_rays(
         ended.append(select(segments, ~is_reached))
 
         continues = is_reached & ~is_crossed
-        q = step.q[continues]
+        states = select(step.states, continues)
         rays = rays[continues]
         if not len(rays):
             break
@@ -337,7 +340,6 @@ def _find_feet(centre: _Centre, q: Array, z: Array) -> tuple[Array, Array]:
     """
     max_steps = 30
     robot = centre.robot
-    scale = robot.column_scale[robot.moving]
     feet_q, feet_z = [q[:0]], [z[:0]]
     for _ in range(max_steps):
         if not len(q):
@@ -345,15 +347,16 @@ def _find_feet(centre: _Centre, q: Array, z: Array) -> tuple[Array, Array]:
         # g and its slopes a (K, n) along the offset z from the centre
         linearised = linearised_at(robot, q)
         measure = measure_gradient(robot, linearised)
+        g, by_q = measure.G[:, 0, 0], measure.G_by_q[:, 0, 0] * robot.column_scale  # (K,), (K, nv)
         rates = ModeStates.of(robot, linearised).rates  # (K, k, n) of joints for unit twists; 0 at Type 1
-        slopes = np.vecmat(measure.by_q[:, robot.moving] * scale, rates)  # (K, n) of g by twists
+        slopes = np.vecmat(by_q[:, robot.moving], rates)  # (K, n) of g by twists
         a = np.vecmat(slopes, robot.platform.rate_matrix(centre.coordinates(z))) * robot.platform_scale
         square = np.vecdot(a, a)  # zero, or NaN, without a step
         with np.errstate(all="ignore"):
-            step = a * ((np.vecdot(a, z) - measure.g) / square)[:, None] - z
+            step = a * ((np.vecdot(a, z) - g) / square)[:, None] - z
         distance = np.linalg.norm(step, axis=1)
         has_converged = distance < NEWTON_STEP
-        is_foot = has_converged & (np.abs(measure.g) < RANK_LOST)
+        is_foot = has_converged & (np.abs(g) < RANK_LOST)
         feet_q.append(q[is_foot])
         feet_z.append(z[is_foot])
 

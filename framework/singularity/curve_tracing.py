@@ -151,7 +151,13 @@ class LocusEquations:
         held = np.concatenate(slopes, axis=1)[:, :, robot.moving]  # (S, k - 2, k)
         entries = measure.G.reshape(len(q), -1)  # (S, size^2)
         entry_slopes = (measure.G_by_q * robot.column_scale)[..., robot.moving].reshape(*entries.shape, -1)
-        weights = _weigh_entries(held, entry_slopes) if near is None else near.weights
+        if near is not None:
+            weights = near.weights
+        elif corank == 1:
+            weights = np.ones(entries.shape)
+        else:  # across the curve on the surface (S, 2, k) on which the other equations stay zero
+            surface = np.linalg.svd(held).Vh[:, -2:]
+            weights = np.linalg.svd(entry_slopes @ surface.swapaxes(1, 2)).U[:, :, 0]
         return Evaluated(
             values=np.concatenate([gaps, offsets, np.vecdot(weights, entries)[:, None]], axis=1),
             slopes=np.concatenate([held, np.vecmat(weights, entry_slopes)[:, None]], axis=1),
@@ -180,17 +186,6 @@ class LocusEquations:
         offset = offset / units
         offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])  # equal up to whole turns
         return offset[:, self.fixed], (slopes / units[:, None])[:, self.fixed]
-
-
-def _weigh_entries(held: Array, entry_slopes: Array) -> Array:
-    """Return unit weights (S, size^2) of the entries of G whose sum grows most on a surface.
-
-    On the surface the other equations, with slopes `held` (S, k - 2, k), stay zero.
-    """
-    if entry_slopes.shape[1] == 1:
-        return np.ones(entry_slopes.shape[:2])
-    surface = np.linalg.svd(held).Vh[:, -2:]  # (S, 2, k) orthonormal
-    return np.linalg.svd(entry_slopes @ surface.swapaxes(1, 2)).U[:, :, 0]
 
 
 # ------------------------------------------------------------------ tracing
@@ -332,7 +327,8 @@ def trace_curves(
     traced = join(computed)
     curves = list[Curve]()
     for k in range(count):
-        if ends[k] == "same" or any(passes_point(equations, curve.points.q, starts.q[k]) for curve in curves):
+        start = starts.single(k)
+        if ends[k] == "same" or any(passes_point(equations, curve.points, start) for curve in curves):
             continue
         along = select(traced, numbers[k])
         if ends[k] != "closed":
@@ -341,9 +337,9 @@ def trace_curves(
     return curves
 
 
-def passes_point(equations: LocusEquations, curve: Array, point: Array) -> bool:
-    """Return whether a curve through configurations (m, nq) passes one (nq,), judged by its chords."""
-    offsets = equations.offsets(point, curve)  # (m, k) from the point to those of the curve
+def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
+    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords."""
+    offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     return bool(_passes(offsets[:-1], offsets[1:]).any())
 
 

@@ -105,18 +105,11 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     try:
         equations = LocusEquations.of(robot, poses.q[first_reached], poses.x[first_reached], free)
     except InvalidInput as error:
-        return MapLocus(
-            curves=(), sign_changes=0, unexplained=np.zeros((0, 2)), why_not=str(error), seconds=0.0
-        )
+        return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
     changes = _sign_changes(poses.g)
     curves, unexplained = _trace_modes(equations, poses, changes)
-    return MapLocus(
-        curves=tuple(curves),
-        sign_changes=len(changes),
-        unexplained=_midpoints(poses, changes[unexplained]),
-        why_not="",
-        seconds=time.perf_counter() - started,
-    )
+    missed = _midpoints(poses, changes[unexplained])
+    return MapLocus(tuple(curves), len(changes), missed, "", time.perf_counter() - started)
 
 
 def _locate_points(robot: ParallelRobot, poses: MapPoses, started: float) -> MapLocus:
@@ -165,7 +158,12 @@ def _trace_modes(
     steps_per_reach = 16.0  # least number of steps of a curve along half an edge of its region
     robot, axes = equations.robot, list(poses.axes)
     minima = _find_minima(poses.g)  # (t, 2)
-    q = np.concatenate([poses.q[tuple(minima.T)], _zeros_between(poses, changes)])  # (t + e, nq) of starts
+    # where g would be zero between neighbours if it were linear; the first of them if no step leads there
+    first, second = tuple(changes[:, :2].T), tuple(changes[:, 2:].T)
+    share = poses.g[first] / (poses.g[first] - poses.g[second])  # (e,)
+    x, q = poses.x[first], poses.q[first]
+    zeros, arrives = poses.continue_pose(q, x, x + share[:, None] * (poses.x[second] - x))
+    q = np.concatenate([poses.q[tuple(minima.T)], np.where(arrives[:, None], zeros, q)])  # (t + e, nq)
     linearised = linearised_at(robot, q)
     start_modes = leg_signs(robot, linearised)  # (t + e, legs)
     x = robot.platform.coordinates(linearised.frames)[:, axes]
@@ -200,18 +198,6 @@ def _trace_modes(
                 curves += [part for part in parts if not _are_passed(poses, part.x, 0.0, curves).all()]
         is_needed[len(minima) :] = ~_are_passed(poses, _midpoints(poses, changes), half_edges, curves)
     return curves, is_needed[len(minima) :]
-
-
-def _zeros_between(poses: MapPoses, changes: IntArray) -> Array:
-    """Compute configurations (e, nq) near g = 0 between the neighbours of sign `changes` (e, 4).
-
-    They are where g would be zero if it were linear, or the first neighbours if steps do not lead there.
-    """
-    first, second = tuple(changes[:, :2].T), tuple(changes[:, 2:].T)
-    share = poses.g[first] / (poses.g[first] - poses.g[second])  # (e,)
-    x, q = poses.x[first], poses.q[first]
-    ends, arrives = poses.continue_pose(q, x, x + share[:, None] * (poses.x[second] - x))
-    return np.where(arrives[:, None], ends, q)
 
 
 # ------------------------------------------------------------------ the map's signs
