@@ -157,22 +157,17 @@ def design_study(
     columns = complete_chunks(
         partial(map_designs, task),
         chunks,
-        partial(_chunk_arrays, task),
+        # a stored chunk is computed again if its columns (D,), of D designs, have other types or shapes
+        lambda values: (
+            dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
+            | {WHY: ArrayField("U", (len(values),))}
+        ),
         executor=executor,
         keeper=keeper,
         progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
     )
     why = tuple(columns.pop(WHY).tolist())  # reasons are a field of their own, not a column of numbers
     return DesignStudy(task, designs, columns, column_units(task.robot(), task), why)
-
-
-def _chunk_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
-    """Return the types and shapes of the columns (D,) of a chunk of D designs, `values` (D, P).
-
-    A stored chunk is computed again if its arrays have other types or shapes.
-    """
-    numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
-    return numbers | {WHY: ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:

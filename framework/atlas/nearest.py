@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, step_poses
+from framework.atlas.sweep import STEP_PARTS, PoseReason, StepEnds, continue_states, step_poses
 from framework.errors import InvalidInput, NotAssembled, finite_numbers
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch, distance_unit
@@ -35,8 +35,7 @@ from framework.kinematics.linearised_loops import (
     type1_matrix,
     type2_matrix,
 )
-from framework.kinematics.modes import leg_signs
-from framework.kinematics.motion_rates import joint_rates
+from framework.kinematics.modes import ModeStates, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
@@ -133,6 +132,11 @@ def nearest_singular_pose(
     reach *= share
     nearest = _nearest_singular(centre, crossed, reach)
 
+    # the distance of the nearest end at Type 1
+    q, z = _locate_ends(centre, ended)
+    is_type_1 = least_singular_values(type1_matrix(robot, linearised_at(robot, q))) < TYPE_1_END
+    type_1_distance = float(np.linalg.norm(z[is_type_1], axis=1).min(initial=np.inf))
+
     # prove that no singular pose is nearer
     radius = reach if nearest is None else float(np.linalg.norm(nearest[1]))
     proved = prove_regular_ball(robot, centre.q, centre.x, radius, max_cells=max_cells)
@@ -142,7 +146,7 @@ def nearest_singular_pose(
         within=reach * unit_length,
         asked=asked * unit_length,
         rays=len(directions),
-        leg_end=_type_1_distance(centre, ended) * unit_length,
+        leg_end=type_1_distance * unit_length,
     )
     if nearest is None:
         return result
@@ -224,8 +228,10 @@ def _follow_rays(
     than 1 if MAX_RAY_STEPS ended the search.
     """
     count = max(int(np.ceil(np.linalg.norm(rays[0]) / RAY_STEP)), 1)  # segments of a ray
-    q = np.tile(centre.q, (len(rays), 1))  # of the rays that are still followed
-    sign = centre.signs_of_g(q[:1])  # (1,) at the centre
+    robot = centre.robot
+    at_centre = ModeStates.of(robot, linearised_at(robot, centre.q[None]))
+    states = select(at_centre, np.zeros(len(rays), dtype=int))  # of the rays that are still followed
+    sign = centre.signs_of_g(at_centre.q)  # (1,) at the centre
     crossed: list[_RaySegments] = []
     ended: list[_RaySegments] = []
     steps = 0  # along all rays
@@ -234,8 +240,9 @@ def _follow_rays(
             return join(crossed), join(ended), k / count
         steps += len(rays)
         progress(steps)
-        segments = _RaySegments(q, rays * (k / count), rays * ((k + 1) / count))
-        step = centre.step(*segments, STEP_PARTS)
+        segments = _RaySegments(states.q, rays * (k / count), rays * ((k + 1) / count))
+        places = centre.coordinates(segments.start), centre.coordinates(segments.end)
+        step = continue_states(robot, states, *places, STEP_PARTS)
 
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
@@ -244,7 +251,7 @@ def _follow_rays(
         ended.append(select(segments, ~is_reached))
 
         continues = is_reached & ~is_crossed
-        q = step.q[continues]
+        states = select(step.states, continues)
         rays = rays[continues]
         if not len(rays):
             break
@@ -261,21 +268,14 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> t
     max_starts = 8
     q, z = _locate_ends(centre, crossed)
     is_singular = least_singular_values(centre.type2_matrices(q)) < RANK_LOST
-    candidates = [_find_foot(centre, q[k], z[k]) for k in range(min(len(q), max_starts))]
-    candidates += [(q[k], z[k]) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
-    within_reach = [pose for pose in candidates if pose is not None and np.linalg.norm(pose[1]) <= reach]
-    return min(within_reach, key=lambda pose: float(np.linalg.norm(pose[1])), default=None)
-
-
-def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
-    """Compute the distance of the centre from the nearest Type 1 end; infinite without one.
-
-    The distance is in robot lengths and rad. `ended` are segments in which the branch ends.
-    """
-    q, z = _locate_ends(centre, ended)
-    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, q))
-    is_type_1 = least_singular_values(matrices) < TYPE_1_END
-    return float(np.linalg.norm(z[is_type_1], axis=1).min(initial=np.inf))
+    (singular,) = np.nonzero(is_singular)  # the nearest first
+    foot_q, foot_z = _find_feet(centre, q[:max_starts], z[:max_starts])
+    q, z = np.concatenate([foot_q, q[singular[:1]]]), np.concatenate([foot_z, z[singular[:1]]])
+    distances = np.linalg.norm(z, axis=1)
+    if not distances.min(initial=np.inf) <= reach:
+        return None
+    nearest = int(np.argmin(distances))
+    return q[nearest], z[nearest]
 
 
 def _locate_ends(centre: _Centre, segments: _RaySegments) -> tuple[Array, Array]:
@@ -330,43 +330,44 @@ def _bisect_segments(centre: _Centre, segments: _RaySegments, halvings: int) -> 
     return _RaySegments(q, segments.start + length * fraction[:, None], segments.end)
 
 
-def _find_foot(centre: _Centre, q: Array, z: Array) -> tuple[Array, Array] | None:
-    """Find the foot point of the centre by Newton's method from q (nq,), z (n,); None without convergence.
+def _find_feet(centre: _Centre, q: Array, z: Array) -> tuple[Array, Array]:
+    """Find foot points q (F, nq), z (F, n) of the centre by Newton's method from q (K, nq), z (K, n).
 
     Each step leads from the offset z to the point of the linearised locus that is nearest to the
     centre, or RAY_STEP towards this point. With the slopes a of g, the point is a (a . z - g) / |a|^2. It
-    cannot be found where the slopes are zero, or at the end of a branch. The result is a pose with g = 0, up
-    to RANK_LOST.
+    cannot be found where the slopes are zero, or at the end of a branch. The results are poses with g = 0, up
+    to RANK_LOST, in the order of convergence.
     """
     max_steps = 30
+    robot = centre.robot
+    feet_q, feet_z = [q[:0]], [z[:0]]
     for _ in range(max_steps):
-        # the step to the point of the linearised locus
-        try:
-            # g and its slopes a (n,) along the offset z from the centre at one pose
-            robot = centre.robot
-            linearised = linearised_at(robot, q[None])
-            measure = measure_gradient(robot, linearised)
-            E = robot.platform.rate_matrix(centre.coordinates(z[None]))  # (1, n, n)
-            rates = joint_rates(robot, linearised, E[0].T[:, None])[:, 0]  # (n, nv) at unit rates of x
-            g = measure.g[0]
-            a = (rates @ measure.by_q[0]) * robot.platform_scale
-        except NotAssembled:
-            return None
-        square = a @ a
-        if not square > 0:  # zero, or NaN
-            return None
-        step = a * (a @ z - g) / square - z
-        distance = float(np.linalg.norm(step))
-        if distance < NEWTON_STEP:
-            return (q, z) if abs(g) < RANK_LOST else None
+        if not len(q):
+            break
+        # g and its slopes a (K, n) along the offset z from the centre
+        linearised = linearised_at(robot, q)
+        measure = measure_gradient(robot, linearised)
+        g, by_q = measure.G[:, 0, 0], measure.G_by_q[:, 0, 0] * robot.column_scale  # (K,), (K, nv)
+        rates = ModeStates.of(robot, linearised).rates  # (K, k, n) of joints for unit twists; 0 at Type 1
+        slopes = np.vecmat(by_q[:, robot.moving], rates)  # (K, n) of g by twists
+        a = np.vecmat(slopes, robot.platform.rate_matrix(centre.coordinates(z))) * robot.platform_scale
+        square = np.vecdot(a, a)  # zero, or NaN, without a step
+        with np.errstate(all="ignore"):
+            step = a * ((np.vecdot(a, z) - g) / square)[:, None] - z
+        distance = np.linalg.norm(step, axis=1)
+        has_converged = distance < NEWTON_STEP
+        is_foot = has_converged & (np.abs(g) < RANK_LOST)
+        feet_q.append(q[is_foot])
+        feet_z.append(z[is_foot])
 
-        # take the step, or RAY_STEP of it, if the pose stays on the branch
-        next_z = z + min(1.0, RAY_STEP / distance) * step
-        end = centre.step(q[None], z[None], next_z[None], STEP_PARTS)
-        if end.reason[0] != PoseReason.REACHED:
-            return None
-        q, z = end.q[0], next_z
-    return None
+        # take the step, or RAY_STEP of it, where the pose stays on the branch
+        goes_on = (square > 0) & ~has_converged
+        q, z, step, distance = q[goes_on], z[goes_on], step[goes_on], distance[goes_on]
+        next_z = z + np.minimum(1.0, RAY_STEP / distance)[:, None] * step
+        end = centre.step(q, z, next_z, STEP_PARTS)
+        is_reached = end.reason == PoseReason.REACHED
+        q, z = end.q[is_reached], next_z[is_reached]
+    return np.concatenate(feet_q), np.concatenate(feet_z)
 
 
 # ------------------------------------------------------------------ targets out of reach

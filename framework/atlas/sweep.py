@@ -129,7 +129,7 @@ def _fill_lattice(
         opposite_i, opposite_j = (2 * np.argwhere(is_target).T - (i, j))[:, between]
         opposites = between, select(states, numbers[opposite_i, opposite_j])
         starts = select(states, numbers[i, j])
-        ends = _continue_states(robot, starts, x[i, j], x[is_target], parts, opposites)
+        ends = continue_states(robot, starts, x[i, j], x[is_target], parts, opposites)
         reached = ends.reason == PoseReason.REACHED
         assign(states, numbers[is_target][reached], select(ends.states, reached))
         q[is_target] = np.where(reached[:, None], ends.q, np.nan)
@@ -172,10 +172,10 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     A step that closes the loops but is not trusted (OTHER_MODE) is tried again in `parts` equal steps:
     shorter steps need smaller corrections, so they are trusted unless the branch really ends at Type 1.
     """
-    return _continue_states(robot, ModeStates.of(robot, linearised_at(robot, q)), start, end, parts)
+    return continue_states(robot, ModeStates.of(robot, linearised_at(robot, q)), start, end, parts)
 
 
-def _continue_states(
+def continue_states(
     robot: ParallelRobot,
     states: ModeStates,
     start: Array,

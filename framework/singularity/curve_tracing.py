@@ -151,7 +151,13 @@ class LocusEquations:
         held = np.concatenate(slopes, axis=1)[:, :, robot.moving]  # (S, k - 2, k)
         entries = measure.G.reshape(len(q), -1)  # (S, size^2)
         entry_slopes = (measure.G_by_q * robot.column_scale)[..., robot.moving].reshape(*entries.shape, -1)
-        weights = _weigh_entries(held, entry_slopes) if near is None else near.weights
+        if near is not None:
+            weights = near.weights
+        elif corank == 1:
+            weights = np.ones(entries.shape)
+        else:  # across the curve on the surface (S, 2, k) on which the other equations stay zero
+            surface = np.linalg.svd(held).Vh[:, -2:]
+            weights = np.linalg.svd(entry_slopes @ surface.swapaxes(1, 2)).U[:, :, 0]
         return Evaluated(
             values=np.concatenate([gaps, offsets, np.vecdot(weights, entries)[:, None]], axis=1),
             slopes=np.concatenate([held, np.vecmat(weights, entry_slopes)[:, None]], axis=1),
@@ -180,17 +186,6 @@ class LocusEquations:
         offset = offset / units
         offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])  # equal up to whole turns
         return offset[:, self.fixed], (slopes / units[:, None])[:, self.fixed]
-
-
-def _weigh_entries(held: Array, entry_slopes: Array) -> Array:
-    """Return unit weights (S, size^2) of the entries of G whose sum grows most on a surface.
-
-    On the surface the other equations, with slopes `held` (S, k - 2, k), stay zero.
-    """
-    if entry_slopes.shape[1] == 1:
-        return np.ones(entry_slopes.shape[:2])
-    surface = np.linalg.svd(held).Vh[:, -2:]  # (S, 2, k) orthonormal
-    return np.linalg.svd(entry_slopes @ surface.swapaxes(1, 2)).U[:, :, 0]
 
 
 # ------------------------------------------------------------------ tracing
@@ -332,7 +327,8 @@ def trace_curves(
     traced = join(computed)
     curves = list[Curve]()
     for k in range(count):
-        if ends[k] == "same" or any(passes_point(equations, curve.points.q, starts.q[k]) for curve in curves):
+        start = starts.single(k)
+        if ends[k] == "same" or any(passes_point(equations, curve.points, start) for curve in curves):
             continue
         along = select(traced, numbers[k])
         if ends[k] != "closed":
@@ -341,9 +337,9 @@ def trace_curves(
     return curves
 
 
-def passes_point(equations: LocusEquations, curve: Array, point: Array) -> bool:
-    """Return whether a curve through configurations (m, nq) passes one (nq,), judged by its chords."""
-    offsets = equations.offsets(point, curve)  # (m, k) from the point to those of the curve
+def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
+    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords."""
+    offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
     return bool(_passes(offsets[:-1], offsets[1:]).any())
 
 
@@ -353,25 +349,13 @@ def _passes(first: Array, second: Array) -> BoolArray:
     The distance of the point from the chord must be below MAX_CURVE_OFFSET chord lengths.
     """
     chord = second - first
-    length = np.linalg.norm(chord, axis=-1)
-    distance = np.linalg.norm(chord_offsets(-first, chord), axis=-1)
+    square = np.sum(chord**2, axis=-1)
+    length = np.sqrt(square)
+    # share of the chord at the foot of the perpendicular; beyond an end, the end is nearest
+    share = np.clip(-np.sum(first * chord, axis=-1) / np.maximum(square, np.finfo(float).tiny), 0.0, 1.0)
+    distance = np.linalg.norm(first + share[..., None] * chord, axis=-1)
     # a chord longer than two steps is a jump of a hinge by a whole turn
     return np.asarray((distance < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP))
-
-
-def chord_offsets(offset: Array, chord: Array) -> Array:
-    """Compute offsets (..., k) of points from the nearest points of their chords.
-
-    All vectors have the same unit, as does the result.
-
-    Args:
-        offset: vectors (..., k) from the starts of the chords to the points.
-        chord: vectors (..., k) from the starts to the ends of the chords.
-    """
-    square = np.maximum(np.sum(chord**2, axis=-1), np.finfo(float).tiny)  # chords may have length zero
-    # share of the chord at the foot of the perpendicular; beyond an end, the end is nearest
-    share = np.clip(np.sum(offset * chord, axis=-1) / square, 0.0, 1.0)
-    return offset - share[..., None] * chord
 
 
 def advance(

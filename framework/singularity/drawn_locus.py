@@ -123,4 +123,4 @@ def _measure_in_space(robot: ParallelRobot, linearised: LinearisedLoops) -> tupl
     """
     measure = measure_gradient(robot, linearised)
     _, motions = motor_speeds(robot, linearised)  # (T, nv, n) of all joints for unit velocities
-    return measure.g, np.vecmat(measure.by_q, motions)[:, robot.platform.sliding]
+    return measure.G[:, 0, 0], np.vecmat(measure.G_by_q[:, 0, 0], motions)[:, robot.platform.sliding]

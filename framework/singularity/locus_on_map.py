@@ -20,13 +20,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from framework.errors import InvalidInput
-from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, ReadOnlyArrays, select
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import least_singular_values
-from framework.singularity.curve_tracing import MAX_CURVE_OFFSET, STALLED, LocusEquations, chord_offsets
+from framework.singularity.curve_tracing import MAX_TANGENT_TURN, STALLED, LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
@@ -106,18 +105,11 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     try:
         equations = LocusEquations.of(robot, poses.q[first_reached], poses.x[first_reached], free)
     except InvalidInput as error:
-        return MapLocus(
-            curves=(), sign_changes=0, unexplained=np.zeros((0, 2)), why_not=str(error), seconds=0.0
-        )
+        return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
     changes = _sign_changes(poses.g)
     curves, unexplained = _trace_modes(equations, poses, changes)
-    return MapLocus(
-        curves=tuple(curves),
-        sign_changes=len(changes),
-        unexplained=_midpoints(poses, changes[unexplained]),
-        why_not="",
-        seconds=time.perf_counter() - started,
-    )
+    missed = _midpoints(poses, changes[unexplained])
+    return MapLocus(tuple(curves), len(changes), missed, "", time.perf_counter() - started)
 
 
 def _locate_points(robot: ParallelRobot, poses: MapPoses, started: float) -> MapLocus:
@@ -157,72 +149,55 @@ def _trace_modes(
     """Trace the curves of all working modes, modes with the most starts first.
 
     The curves of a mode start from the minima of |g| in this mode, and from the sign `changes` (e, 4) of
-    `_sign_changes` that no earlier curve explains: from every eighth first, since a curve explains many, then
-    from those that are left.
+    `_sign_changes` that no curve of an earlier mode explains. The first start is the centre of the region in
+    which curves are followed; the region covers the map.
 
     Returns:
         The curves; which sign changes are left unexplained, (e,).
     """
-    robot = equations.robot
+    steps_per_reach = 16.0  # least number of steps of a curve along half an edge of its region
+    robot, axes = equations.robot, list(poses.axes)
     minima = _find_minima(poses.g)  # (t, 2)
-    q = np.concatenate([poses.q[tuple(minima.T)], _zeros_between(poses, changes)])  # (t + e, nq) of starts
-    start_modes = leg_signs(robot, linearised_at(robot, q))  # (t + e, legs)
-    is_minimum = np.arange(len(q)) < len(minima)
-    curves = list[MapCurve]()
-    unexplained = np.ones(len(changes), dtype=bool)
-    modes, counts = np.unique(start_modes, axis=0, return_counts=True)
-    for mode in modes[np.argsort(-counts, kind="stable")]:
-        is_untried = (start_modes == mode).all(axis=1)  # (t + e,)
-        for is_first, stride in ((is_minimum, 8), (np.zeros_like(is_minimum), 1)):
-            is_start = is_untried & is_first
-            is_start[len(minima) + np.flatnonzero(is_untried[len(minima) :] & unexplained)[::stride]] = True
-            is_untried &= ~is_start
-            if not is_start.any():
-                continue
-            for curve in _trace_near(equations, poses, q[is_start]):
-                parts = _parts_on_branch(equations, poses, curve)
-                curves += [part for part in parts if _is_new(poses, part, curves)]
-            unexplained = ~_is_explained(poses, changes, curves)
-    return curves, unexplained
-
-
-def _zeros_between(poses: MapPoses, changes: IntArray) -> Array:
-    """Compute configurations (e, nq) near g = 0 between the neighbours of sign `changes` (e, 4).
-
-    They are where g would be zero if it were linear, or the first neighbours if steps do not lead there.
-    """
+    # where g would be zero between neighbours if it were linear; the first of them if no step leads there
     first, second = tuple(changes[:, :2].T), tuple(changes[:, 2:].T)
     share = poses.g[first] / (poses.g[first] - poses.g[second])  # (e,)
     x, q = poses.x[first], poses.q[first]
-    ends, arrives = poses.continue_pose(q, x, x + share[:, None] * (poses.x[second] - x))
-    return np.where(arrives[:, None], ends, q)
-
-
-def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (k, nq), in the working mode of the first start.
-
-    The first start is the centre of the region in which curves are followed; the region covers the map.
-    """
-    steps_per_reach = 16.0  # least number of steps of a curve along half an edge of its region
-    robot = equations.robot
-    axes = list(poses.axes)
-    centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
-    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre)  # (2, 2) of the map's sides [m, rad]
-    reach = float(((distances + poses.cell) / robot.platform_scale[axes]).max())  # a cell beyond the map
-    traced = trace_locus(
-        robot,
-        starts[0],
-        free=equations.free_names,
-        reach=reach,
-        starts=0,
-        one_mode=True,
-        near=list(starts),
-        longest=reach / steps_per_reach,
-        with_cusps=False,
-    )
-    # where the equations lose rank no step leads on, or one by rounding and then none
-    curves = [curve for curve in traced.curves if curve.ends != STALLED or len(curve.q) > 2]
-    return [curve for curve in curves if curve.kind != "joints_only"]
+    zeros, arrives = poses.continue_pose(q, x, x + share[:, None] * (poses.x[second] - x))
+    q = np.concatenate([poses.q[tuple(minima.T)], np.where(arrives[:, None], zeros, q)])  # (t + e, nq)
+    linearised = linearised_at(robot, q)
+    start_modes = leg_signs(robot, linearised)  # (t + e, legs)
+    x = robot.platform.coordinates(linearised.frames)[:, axes]
+    half_edges = 0.5 * (changes[:, 2:] - changes[:, :2])  # (e, 2) [cells] between the poses
+    is_needed = np.ones(len(q), dtype=bool)
+    curves = list[MapCurve]()
+    modes, counts = np.unique(start_modes, axis=0, return_counts=True)
+    for mode in modes[np.argsort(-counts, kind="stable")]:
+        starts = np.flatnonzero((start_modes == mode).all(axis=1) & is_needed)
+        if not len(starts):
+            continue
+        distances = np.abs(
+            np.stack([poses.lower, poses.upper]) - x[starts[0]]
+        )  # (2, 2) of the sides [m, rad]
+        reach = float(((distances + poses.cell) / robot.platform_scale[axes]).max())  # a cell beyond the map
+        traced = trace_locus(
+            robot,
+            q[starts[0]],
+            free=equations.free_names,
+            reach=reach,
+            starts=0,
+            one_mode=True,
+            near=list(q[starts]),
+            longest=reach / steps_per_reach,
+            with_cusps=False,
+        )
+        for curve in traced.curves:
+            # where the equations lose rank no step leads on, or one by rounding and then none
+            is_stalled = curve.ends == STALLED and len(curve.q) <= 2
+            if not is_stalled and curve.kind != "joints_only":
+                parts = _parts_on_branch(equations, poses, curve)
+                curves += [part for part in parts if not _are_passed(poses, part.x, 0.0, curves).all()]
+        is_needed[len(minima) :] = ~_are_passed(poses, _midpoints(poses, changes), half_edges, curves)
+    return curves, is_needed[len(minima) :]
 
 
 # ------------------------------------------------------------------ the map's signs
@@ -262,57 +237,26 @@ def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
     return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
 
 
-def _is_new(poses: MapPoses, part: MapCurve, curves: list[MapCurve]) -> bool:
-    """Return whether any point of a part is on none of the curves.
+def _are_passed(poses: MapPoses, x: Array, reach: ArrayLike, curves: list[MapCurve]) -> BoolArray:
+    """Return whether curves pass within `reach` (e, 2) [cells] of points x (e, 2), (e,).
 
-    On one branch a point determines the configuration.
+    Points `spacing` apart stand for a curve. Arcs leave their chords, which turn by MAX_TANGENT_TURN at most,
+    by an eighth of it times the chord. On one branch a point of the map determines the configuration.
     """
-    is_apart = np.ones(len(part.x), dtype=bool)
+    spacing = 0.1  # [cells]
+    is_passed = np.zeros(len(x), dtype=bool)
     for curve in curves:
-        chord = np.diff(curve.x, axis=0) / poses.cell  # (c, 2)
-        offset = (part.x[:, None] - curve.x[:-1]) / poses.cell  # (m, c, 2)
-        distance = np.linalg.norm(chord_offsets(offset, chord), axis=2)
-        is_apart &= (distance > MAX_CURVE_OFFSET * np.linalg.norm(chord, axis=1)).all(axis=1)
-    return bool(is_apart.any())
-
-
-def _is_explained(poses: MapPoses, changes: IntArray, curves: list[MapCurve]) -> BoolArray:
-    """Return for which sign `changes` (e, 4) a curve passes between the poses, (e,)."""
-    is_explained = np.zeros(len(changes), dtype=bool)
-    in_cells = [(curve.x - poses.lower) / poses.cell for curve in curves]
-    for along in (0, 1):  # the axis along which the poses are neighbours
-        crossings = [np.zeros((3, 0)), *(_cross_lines(x, along) for x in in_cells)]
-        lines, least, largest = np.concatenate(crossings, axis=1)
-        for k in np.flatnonzero(changes[:, 2 + along] > changes[:, along]):
-            first = changes[k, along]
-            is_between = (largest >= first) & (least <= first + 1)
-            is_explained[k] = (is_between & (lines == changes[k, 1 - along])).any()
-    return is_explained
-
-
-def _cross_lines(x: Array, along: int) -> Array:
-    """Find where a curve through points x (m, 2) crosses the lines of poses along one axis, in cells.
-
-    An arc that turns by an angle leaves its chord by an eighth of it times the chord. The turn is that from
-    chord to chord; a quarter is counted. The curve may go on for a step at its ends.
-
-    Returns:
-        (3, crossings): number of the line, least and largest place on the line.
-    """
-    x = np.concatenate([2 * x[:1] - x[1:2], x, 2 * x[-1:] - x[-2:-1]])  # (m + 2, 2)
-    chord = np.diff(x, axis=0)  # (m + 1, 2)
-    length = np.linalg.norm(chord, axis=1)
-    directions = chord / np.maximum(length, LEAST_DIVISOR)[:, None]
-    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)  # (m,) [rad]
-    doubt = 0.25 * length * np.maximum(np.append(turns, 0.0), np.append(0.0, turns))  # (m + 1,)
-    across = x[:, 1 - along]
-    low, high = np.sort(np.floor([across[:-1], across[1:]]).astype(int), axis=0)
-    chords = np.repeat(np.arange(len(chord)), high - low)  # of the crossings
-    before = np.cumsum(high - low) - (high - low)  # crossings of the chords before
-    lines = low[chords] + 1 + np.arange(len(chords)) - before[chords]
-    shares = (lines - across[chords]) / chord[chords, 1 - along]
-    places = x[chords, along] + shares * chord[chords, along]
-    return np.stack([lines, places - doubt[chords], places + doubt[chords]])
+        chords = np.linalg.norm(np.diff(curve.x, axis=0) / poses.cell, axis=1)  # (m - 1,)
+        lengths = np.append(0.0, np.cumsum(chords))  # (m,)
+        places = np.linspace(0.0, lengths[-1], int(lengths[-1] / spacing) + 2)
+        points = np.stack([np.interp(places, lengths, along) for along in curve.x.T], axis=1)
+        # (e, 2) [cells]
+        farthest = np.broadcast_to(
+            np.asarray(reach) + 0.5 * spacing + MAX_TANGENT_TURN / 8.0 * chords.max(), x.shape
+        )
+        for k in np.flatnonzero(~is_passed):  # one by one: all times all points would need much memory
+            is_passed[k] = (np.abs(points - x[k]) < poses.cell * farthest[k]).all(axis=1).any()
+    return is_passed
 
 
 # ------------------------------------------------------------------ the curves

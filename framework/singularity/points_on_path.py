@@ -363,7 +363,7 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     if not n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(n_e, np.nan)
     linearised = branch.close(np.array([point.s]))
-    gradient = measure_gradient(robot, linearised).by_q[0]  # dg/dq (nv,)
+    gradient = measure_gradient(robot, linearised).G_by_q[0, 0, 0]  # dg/dq (nv,)
 
     # slopes of g along the path, and along each deflection with the platform at rest
     twists, deflections = np.zeros((1 + n_e, 1, robot.n)), np.zeros((1 + n_e, 1, n_e))

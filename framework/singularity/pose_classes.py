@@ -150,7 +150,10 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
 
     twists = np.zeros((0, robot.n))
     if "type_2" in kinds:
-        twists = _unit_twists(robot, space.motions @ linearised.platform[0].T)
+        # unit twists (k, n) that span the space of those of the motions
+        _, values, V_rows = np.linalg.svd(space.motions @ linearised.platform[0].T / robot.platform_scale)
+        basis = V_rows[: np.count_nonzero(values > RANK_LOST)] * robot.platform_scale
+        twists = np.array([twist / twist_norm(robot, twist) for twist in basis]).reshape(-1, robot.n)
     distances = Distances(robot, linearised)
     pressure_angle = pressure_angles(robot, distances.J)[0]
     norm, largest = distances.worst_torques(np.ones(robot.n_a))
@@ -200,16 +203,6 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
         return False
     poses = [*nearby_configurations(robot, robot.reference.q), *nearby_configurations(robot, q)]
     return bool(poses) and bool((clearance(robot, linearised_at(robot, np.array(poses))) < RANK_LOST).all())
-
-
-def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
-    """Compute independent unit twists (k, n) that span the same space as twists (c, n), k <= c."""
-    scale = robot.platform_scale
-    _, values, V_rows = np.linalg.svd(twists / scale)
-    rank = np.count_nonzero(values > RANK_LOST)
-    basis = V_rows[:rank] * scale  # (k, n) of the space that the twists span
-    units = [twist / twist_norm(robot, twist) for twist in basis]
-    return np.array(units).reshape(-1, robot.n)  # (0, n) without any
 
 
 def _classify_contact(robot: ParallelRobot, closed: LinearisedLoops, along: ArrayLike, corank: int) -> str:

@@ -186,7 +186,7 @@ def _trace_branches(
         starts = [
             point
             for point in starts
-            if not any(passes_point(equations, traced.points.q, point.q[0]) for traced, _ in curves)
+            if not any(passes_point(equations, traced.points, point) for traced, _ in curves)
         ]
         if not starts:
             break

@@ -221,16 +221,6 @@ class MeasureGradient(NamedTuple):
     eta: Array  # (T, n_p) dimensionless passive rates closest to an uncontrolled motion, c' eta = 1
     G_by_q: Array  # (T, size, size, nv) dG/dq [1/rad, 1/m]
 
-    @property
-    def g(self) -> Array:
-        """The bordered scalar g (T,)."""
-        return self.G[:, 0, 0]
-
-    @property
-    def by_q(self) -> Array:
-        """The gradient dg/dq (T, nv) [1/rad, 1/m]."""
-        return self.G_by_q[:, 0, 0]
-
 
 def measure_gradient(
     robot: ParallelRobot, linearised: LinearisedLoops, border: Border | None = None
@@ -257,13 +247,10 @@ def measure_gradient(
     balls = ball_columns(robot.model)  # (b, 3)
     rows = list[Array]()  # (T, size, nv) each, of one column psi
     for multipliers in np.moveaxis(psi, 2, 0) / units:
-        spread = linearised.spread(multipliers)
-        # of f along each eta
-        changes = loop_force_changes(
-            robot, robot.spanning_loops, linearised.frames, wrenches, spread, motions
-        )  # (T, size, nv)
+        forces = linearised.frames, wrenches, linearised.spread(multipliers)
+        changes = loop_force_changes(robot, robot.spanning_loops, *forces, motions)  # of f along each eta
         if len(balls):
-            forces = np.vecmat(multipliers, linearised.closures)[:, None]  # f (T, 1, nv)
-            changes[..., balls] += cross(motions[..., balls], forces[..., balls])
+            f = np.vecmat(multipliers, linearised.closures)[:, None]  # (T, 1, nv)
+            changes[..., balls] += cross(motions[..., balls], f[..., balls])
         rows.append(-changes)
     return MeasureGradient(solution.G, solution.eta[:, :, 0], np.stack(rows, axis=1))

@@ -138,5 +138,5 @@ def test_the_gradient_of_g_is_that_of_differences(name):
 
     near, far = (g(k * np.diag(step)) - g(-k * np.diag(step)) for k in (1, 2))
     expected = (8 * near - far) / (12 * step)  # fourth order
-    found = measure_gradient(robot, linearised_at(robot, q), border).by_q[0]
+    found = measure_gradient(robot, linearised_at(robot, q), border).G_by_q[0, 0, 0]
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
