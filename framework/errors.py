@@ -259,7 +259,7 @@ def real_numbers(what: str, given: ArrayLike) -> Array:
         return given
     try:
         numbers = np.asarray(given)
-        if numbers.dtype.kind not in "cSU":  # numpy would drop imaginary parts, and read texts
+        if numbers.dtype.kind not in "bcSU":  # numpy would drop imaginary parts, read texts, and count truths
             return numbers.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
         pass
