@@ -53,8 +53,8 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Lead links to files of the repository, which lie outside docs/, to the pages made of them."""
     made = {
-        r"notebooks/(\d\d_\w+)\.ipynb": r"notebooks/\1.md",
-        r"notebooks/(figures/[\w.]+|lesson\.html)": r"\1",
+        r"notebooks/(\d\d_\w+)\.ipynb": r"notebooks/\2.md",
+        r"notebooks/(figures/[\w.]+|lesson\.html)": r"\2",
         r"notebooks": r"notebooks/01_the_paper_in_ten_minutes.md",
         r"urdf/README\.md": "reference/robot_file.md",
         r"urdf": "gallery.md",

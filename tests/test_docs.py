@@ -5,6 +5,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
@@ -55,4 +56,11 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
-    assert "<math" in (tmp_path / "theory" / "index.html").read_text(encoding="utf-8")
+    files = {file for file in tmp_path.resolve().rglob("*") if file.is_file()}
+    pages = {page: page.read_text(encoding="utf-8") for page in tmp_path.rglob("*.html")}
+    assert "<math" in pages[tmp_path / "theory" / "index.html"]
+    for page, text in pages.items():  # what a browser asks for is there; 404.html is of the web alone
+        for link in re.findall(r'\s(?:href|src)="([^"]*)"', text) if page.stem != "404" else ():
+            if not re.match(r"https?:|data:|mailto:|#", link):
+                place = page.parent / unquote(urlsplit(link).path)
+                assert place.resolve() in files, (page.name, link)

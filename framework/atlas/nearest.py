@@ -89,7 +89,7 @@ class NearestSingularPose(ReadOnlyArrays):
             return f"{regular}; at most {self.distance:.6g} {self.unit}, Type 2"
         if self.at_least >= self.within:
             return f"{regular}: no singular pose in the ball searched"
-        return f"{regular}; none found within {self.within:.4g} {self.unit} along {self.rays} rays"
+        return f"{regular}; no Type 2 pose found within {self.within:.4g} {self.unit} along {self.rays} rays"
 
 
 def nearest_singular_pose(

@@ -98,7 +98,7 @@ QUANTITIES = {
     quantity.key: quantity
     for quantity in (
         Quantity("g", "signed measure of Type 2 singularity, g", "1", signed=True),
-        Quantity("conditioning", "conditioning, least singular value of A", "1, lengths in robot lengths"),
+        Quantity("conditioning", "conditioning, least singular value of A", "1"),
         Quantity(
             "torque",
             "worst motor torques against a unit force, 2-norm",

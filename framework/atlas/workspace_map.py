@@ -362,8 +362,6 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
         stride: distance between the poses of the search [rows or columns].
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
-    if not unjoined.any():
-        return
     coarse = np.zeros_like(unjoined)  # poses of the search
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
     # the reached pose that is nearest to one of the search lies beside a pose that is not reached
@@ -371,7 +369,8 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     inner = reached[:-2, 1:-1] & reached[2:, 1:-1] & reached[1:-1, :-2] & reached[1:-1, 2:]
     border = np.argwhere(reached[1:-1, 1:-1] & ~inner)  # (b, 2)
     nearest = np.zeros((*coarse.shape, 2), dtype=np.intp)  # row and column
-    nearest[coarse] = [border[np.argmin(((border - pose) ** 2).sum(axis=1))] for pose in np.argwhere(coarse)]
+    for pose in np.argwhere(coarse):
+        nearest[tuple(pose)] = border[np.argmin(((border - pose) ** 2).sum(axis=1))]
     other_q = np.full_like(q, np.nan)  # configurations of any working mode
     random = np.random.default_rng(0)
     for offset_size in OFFSETS:

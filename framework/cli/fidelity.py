@@ -27,8 +27,8 @@ the peak torque; {0.seconds:.2g} s
   level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby"""
 
 GROWTH = (
-    "  growth            what is off grows e times in {:.2g} s, {:.2g} times in the motion: weight and "
-    "torques carry the platform away, {}"
+    "  growth            errors grow e-fold every {:.2g} s, {:.2g} times in the motion: weight and torques "
+    "carry the platform away, {}"
 )
 FRICTION = "  in no level       dry friction of {}: {} of the motors' work"
 TO_KEEP = "  to keep           fidelity: {{level: {level}, tolerance: {tolerance:g}}}"
@@ -91,7 +91,7 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
     lines = [HEAD.format(study, len(study.levels), _format_percent(study.tolerance))]
     lines += [_format_row(study, comparison) for comparison in study.levels]
     for comparison in study.levels:
-        notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
+        notes = (comparison.same_as and f"the same torques as {comparison.same_as}", comparison.reason)
         lines += [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
     lines.append(f"  crossing          s = {places}" if places else "  crossing          none")
     if study.fall >= 1.0:

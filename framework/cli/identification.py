@@ -97,16 +97,16 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     noise = "too few poses to estimate the noise: deviations are those of the noise assumed"
     if calibration.degrees_of_freedom >= 1.0:
         noise = (
-            f"{calibration.noise:.2g} of the noise assumed, of {calibration.degrees_of_freedom:.3g} "
+            f"{calibration.noise:.2g} of the noise assumed, of {calibration.degrees_of_freedom:.0f} "
             f"equations more than the parameters need"
         )
     lines = [CALIBRATED.format(calibration, len(names), noise, outliers, left_out, source)]
     lines += ["  {}\t{:.2e}\t{:.2e}".format(*error) for error in calibration.errors_held_out()]
-    lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(names, calibration.values, calibration.deviations, strict=True)
     off = [row for row in rows if abs(row[1]) > row[2]]
+    lines += ["  parameter [m, rad]\toff by\tdeviation"] if off else []
     lines += ["  {}\t{:.2e}\t{:.1e}".format(*row) for row in off]
-    lines.append(f"  {len(names) - len(off)} others are no more off than their deviations, see --json")
+    lines.append(f"  {len(names) - len(off)} parameters are off by less than their deviations, see --json")
     if unseen:
         lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")
         lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]

@@ -117,7 +117,7 @@ def _report_nearest(robot: ParallelRobot, options: Namespace) -> Report:
     nearest = nearest_singular_pose(robot, robot.reference.q)
     document = select_fields(nearest, "status", "distance", "at_least", "leg_end", "unit", "within", "twist")
     document = {"robot": robot.name, "flexibility": robot.flexibility, "nearest_singular_pose": document}
-    start = robot.reference.x.round(9) + 0.0  # as printed; + 0.0 turns -0.0 into 0.0
+    start = robot.reference.x.round(6) + 0.0  # as printed; + 0.0 turns -0.0 into 0.0
     lines = [f"{robot.name}: from the reference to the nearest singular pose: {nearest.status}"]
     if nearest.x is None or nearest.twist is None:
         place, farther = " ".join(map(repr, start.tolist())), f"{2.0 * nearest.within:.3g}"
@@ -125,7 +125,7 @@ def _report_nearest(robot: ParallelRobot, options: Namespace) -> Report:
         return document, lines
     lines.append(f"  at {robot.place(nearest.x)}; t_s = {twist_text(robot, nearest.twist)}")
     for length in BEYOND:
-        end = (start + length * (nearest.x - start)).round(9) + 0.0
+        end = (start + length * (nearest.x - start)).round(6) + 0.0
         with suppress(NoAnswer):
             if search_path(robot, Line(start, end)).points:
                 ends = (" ".join(map(repr, x.tolist())) for x in (start, end))

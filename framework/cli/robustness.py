@@ -430,8 +430,8 @@ def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
 
 
 HEAD = """\
-{robot}: {runs} runs a controller, seed {seed}; errors in robot lengths of {length:.4g} m or rad, \
-{tolerance:.4g} of them ({tolerance_mm:.3g} mm) passes; torques in N m{binding}
+{robot}: {runs} runs a controller, seed {seed}; errors in robot lengths ({length:.4g} m) or rad, \
+up to {tolerance:.4g} ({tolerance_mm:.3g} mm) pass; torques in N m{binding}
   controller\tpassed\tof 95 %\tmedian\tpredicted\t68 %\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"

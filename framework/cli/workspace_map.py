@@ -205,7 +205,7 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
             options.progress.start("drawing the figures")
             # workers of dask may be elsewhere, and the files are of this machine
             _write_files(workspace, folder, path, None if options.dask else executor)
-    return _report_map(workspace, margin, is_whole=options.window is None)
+    return _report_map(workspace, margin)
 
 
 def _write_files(
@@ -248,34 +248,22 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
     return Window(axes, bounds[::2], bounds[1::2], grid_shape(axes, size), map_point(robot, centre))
 
 
-def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, is_whole: bool) -> Report:
-    """Return a map as a document, and in text its counts, locus and statistics.
-
-    Args:
-        is_whole: whether the window was chosen to hold all that is reached.
-    """
+def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
+    """Return a map as a document, and in text its counts, locus and statistics."""
     robot = workspace.robot
     window = workspace.window
     size = " x ".join(map(str, window.shape[: len(window.axes)]))
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    title = f"{robot.name}: {size} poses"
-    edges = workspace.open_edges
-    cut = ""
-    if edges and is_whole:
-        axes = list(window.axes)
-        ends = np.abs(np.array([window.lower, window.upper]) - window.constants[axes])
-        reach = (ends / robot.platform_scale[axes]).max()
-        cut = f"; more is reached beyond its {', '.join(edges)}, {reach:.2g} robot lengths or rad away"
     bounds = zip(window.axes, window.lower, window.upper, strict=True)
     spans = ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in bounds)
-    lines = [f"{title}, {spans}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
+    lines = [f"{robot.name}: {size} poses, {spans}, {workspace.seconds:.2f} s", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
-    lines += [f"  the window cuts off what is reached, at its {edge}" for edge in edges]
+    if edges := workspace.open_edges:
+        lines.append(f"  more may be reached beyond the window's {', '.join(edges)} (--window)")
     lines.append(f"  locus: {workspace.locus_sentence}, {workspace.locus.seconds:.2f} s")
     if len(window.axes) == 1:
-        points = (f"{curve.kind} at {robot.place(curve.x[0])}" for curve in workspace.locus.curves)
-        lines += [f"  singular: {words}" for words in points]
+        lines += [f"  singular: {each.kind} at {robot.place(each.x[0])}" for each in workspace.locus.curves]
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
         values = map(document["quantities"][quantity.key].get, STATISTICS)

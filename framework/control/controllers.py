@@ -229,8 +229,7 @@ def _bandwidth_of_springs(reference: Reference, inertia: Array, delay: int) -> f
     robot = reference.robot
     model = linearise_plan(reference, ("torque",))
     plant = Plant.of(model)
-    start = np.zeros(model.A.shape[1])
-    start[2 * model.m :] = 1.0
+    start = np.eye(model.A.shape[1])[:, 2 * model.m :]  # (N, n_a) an error of each torque
     largest = default_bandwidth(delay * reference.period, reference.period, DEFAULT_BANDWIDTH)
 
     bandwidths = BANDWIDTHS[largest >= BANDWIDTHS]
@@ -410,7 +409,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
         loop_part = matvec(combination.swapaxes(1, 2), loop_part)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
 
-    s = np.full(len(state.q), reference.law(reference.times[k]))  # path parameter of the planned wrenches
+    s = np.full(len(state.q), reference.law(reference.times[k]))  # path coordinate of the planned wrenches
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))
 
 

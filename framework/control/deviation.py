@@ -74,18 +74,18 @@ def closed_loop_deviation(feedback: Feedback, robots: Sequence[Plant], start: Ar
     Args:
         feedback: torques by z.
         robots: the R robots, of one structure.
-        start: standard deviations (N,) of their z at the start.
+        start: independent starts (N, c) of their z, each of one standard deviation.
     """
     count, N, n_a = robots[0].G.shape
     observer, delay = feedback.observer, feedback.delay
     model = robots[0] if observer is None else observer.plant
     random = np.random.default_rng(NOISE_SEED)
-    spread = np.diag(start)[:, start > 0]
-    starts = spread.shape[1]
+    start = start[:, start.any(axis=0)]
+    starts = start.shape[1]
     samples = 0 if observer is None else NOISE_SAMPLES
     columns = starts + samples
     state = np.zeros((len(robots), N, columns))  # z
-    state[:, :, :starts] = spread
+    state[:, :, :starts] = start
     predicted = np.zeros((len(robots), model.G.shape[1], columns))  # z^
     sent: list[Array] = []  # (R, n_a, columns) torques
     none = np.zeros((len(robots), n_a, columns))

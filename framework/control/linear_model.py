@@ -79,13 +79,12 @@ class LinearModel(ReadOnlyArrays):
 
 
 class _Equations(NamedTuple):
-    """M w" + D w' + K w = B tau at T instants, for d coordinates w."""
+    """M w" + D w' + K w = B tau at T instants, for d coordinates w, or for the m coordinates h."""
 
     M: Array  # (T, d, d)
     D: Array  # (T, d, d)
     K: Array  # (T, d, d)
     B: Array  # (T, d, n_a)
-    V: Array  # (T, d, d) dy/dw
 
 
 def linearise_plan(
@@ -150,66 +149,56 @@ def _reduce(
     changes: MotionChanges,
     choice: CoordinateChoice,
 ) -> LinearModel:
-    """Compute the model in the coordinates chosen, of equations E (3, K, d, d) and forces (K, d, p) of y."""
-    robot, d = reference.robot, E.shape[2]
-    equations = _transform(reference, E, changes, choice)
-    h, b = choice.kept, choice.balanced  # b: indices of l
-    condensed = _condense(equations, h, b)
+    """Compute the model in the coordinates chosen, of equations E (3, K, d, d) and forces (K, d, p) of y.
 
-    f = equations.V.swapaxes(1, 2) @ forces  # on w
+    F and G advance z by one period, with A and B in its middle and constant torque. They are parts of the
+    exponential of [A, B; 0, 0].
+    """
+    from scipy.linalg import expm
+
+    robot, d = reference.robot, E.shape[2]
+    equations, V = _transform(reference, E, changes, choice)
+    h, b = choice.kept, choice.balanced  # b: indices of l
+    condensed, L_h, L_t = _condense(equations, h, b)
+
+    f = V.swapaxes(1, 2) @ forces  # on w
     L_f = np.linalg.solve(equations.K[:, b[:, None], b], f[:, b])
     f_h = f[:, h] - equations.K[:, h[:, None], b] @ L_f
-    A, B, F, G = _state_equations(condensed, f_h, reference.period)
+
+    count, m, n_a = condensed.B.shape
+    N = 2 * m + len(names)
+    generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
+    generator[:, :m, m : 2 * m] = np.eye(m)
+    by_state_and_torque = np.concatenate([-condensed.K, -condensed.D, f_h, condensed.B], axis=2)
+    generator[:, m : 2 * m] = np.linalg.inv(condensed.M) @ by_state_and_torque
+    middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])
+    transition = expm(middle * reference.period)
 
     # joints by z: w = (h, l) by z, y = V w, dq = T y
-    m = len(h)
-    w_by_z = np.zeros((len(A), d, A.shape[1]))
+    w_by_z = np.zeros((count, d, N))
     w_by_z[:, h, :m] = np.eye(m)
-    w_by_z[:, b, :m] = condensed.L_h
+    w_by_z[:, b, :m] = L_h
     w_by_z[:, b, 2 * m :] = L_f
-    joints_by_w = changes.q.swapaxes(1, 2) @ equations.V  # (K, nv, d)
+    joints_by_w = changes.q.swapaxes(1, 2) @ V  # (K, nv, d)
     joints = np.concatenate([robot.actuated[choice.motors], robot.elastic[choice.others]])
     return LinearModel(
         choice=choice,
         columns=joints[h[robot.n :] - robot.n],
         kinds=disturbances,
         names=names,
-        A=A,
-        B=B,
-        F=F,
-        G=G,
+        A=generator[:, :N, :N],
+        B=generator[:, :N, N:],
+        F=transition[:, :N, :N],
+        G=transition[:, :N, N:],
         joints=joints_by_w @ w_by_z,
-        joints_by_torque=joints_by_w[:, :, b] @ condensed.L_t,
+        joints_by_torque=joints_by_w[:, :, b] @ L_t,
     )
-
-
-def _state_equations(condensed: _Condensed, f_h: Array, period: float) -> tuple[Array, Array, Array, Array]:
-    """Return A, B, F and G of z = (h, h', theta), for forces f_h (K, m, p) of theta.
-
-    F (K, N, N) and G (K, N, n_a) advance z by one period, with A and B in its middle and constant torque.
-    They are parts of the exponential of [A, B; 0, 0].
-    """
-    from scipy.linalg import expm
-
-    count, m, n_a = condensed.B.shape
-    N = 2 * m + f_h.shape[2]
-    inverse = np.linalg.inv(condensed.M)
-    generator = np.zeros((count, N + n_a, N + n_a))  # [A, B; 0, 0]
-    generator[:, :m, m : 2 * m] = np.eye(m)
-    by_state_and_torque = np.concatenate([-condensed.K, -condensed.D, f_h, condensed.B], axis=2)
-    generator[:, m : 2 * m] = inverse @ by_state_and_torque
-    middle = np.concatenate([0.5 * (generator[:-1] + generator[1:]), generator[-1:]])
-    transition = expm(middle * period)
-    parts = (generator, transition)
-    A, F = (matrix[:, :N, :N] for matrix in parts)
-    B, G = (matrix[:, :N, N:] for matrix in parts)
-    return A, B, F, G
 
 
 def _transform(
     reference: Reference, E: Array, changes: MotionChanges, choice: CoordinateChoice
-) -> _Equations:
-    """Transform the equations E (3, T, d, d) of y to coordinates w, see the header."""
+) -> tuple[_Equations, Array]:
+    """Transform the equations E (3, T, d, d) of y to coordinates w; return them and V (T, d, d) = dy/dw."""
     robot = reference.robot
     n = robot.n
     joints = robot.actuated[choice.motors]
@@ -223,32 +212,24 @@ def _transform(
     dV = -V @ W[1] @ V
     ddV = -V @ (W[2] @ V + 2 * W[1] @ dV)
     VT = V.swapaxes(1, 2)
-    return _Equations(
+    equations = _Equations(
         M=VT @ E[2] @ V,
         D=VT @ (E[1] @ V + 2 * E[2] @ dV),
         K=VT @ (E[0] @ V + E[1] @ dV + E[2] @ ddV),
         B=VT @ (robot.gear_ratio * changes.q[..., robot.actuated]),
-        V=V,
     )
+    return equations, V
 
 
-class _Condensed(NamedTuple):
-    """M h" + D h' + K h = B tau, with l = L_h h + L_t tau."""
+def _condense(equations: _Equations, h: IntArray, b: IntArray) -> tuple[_Equations, Array, Array]:
+    """Eliminate the coordinates l, `b`, in static balance, l = L_h h + L_t tau.
 
-    M: Array  # (T, m, m)
-    D: Array  # (T, m, m)
-    K: Array  # (T, m, m)
-    B: Array  # (T, m, n_a)
-    L_h: Array  # (T, d - m, m)
-    L_t: Array  # (T, d - m, n_a)
+    Their mass moves along with h as in static balance (Guyan), and is zero for massless links.
 
-
-def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
-    """Eliminate the coordinates `b` in static balance.
-
-    The mass of these moves along with h as in static balance (Guyan), and is zero for massless links.
+    Returns:
+        The equations of h, and L_h (T, d - m, m) and L_t (T, d - m, n_a).
     """
-    M, D, K, B, _V = equations
+    M, D, K, B = equations
     hh, hb, bh, bb = (np.ix_(np.arange(len(M)), rows, columns) for rows in (h, b) for columns in (h, b))
     L_h = np.asarray(-np.linalg.solve(K[bb], K[bh]), float)
     L_t = np.asarray(np.linalg.solve(K[bb], B[:, b]), float)
@@ -259,14 +240,13 @@ def _condense(equations: _Equations, h: IntArray, b: IntArray) -> _Condensed:
         along: Array = matrix[hh] + matrix[hb] @ L_h + L_hT @ (matrix[bh] + matrix[bb] @ L_h)
         return along
 
-    return _Condensed(
+    equations = _Equations(
         M=reduce_along_balance(M),
         D=reduce_along_balance(D),
         K=K[hh] + K[hb] @ L_h,
         B=B[:, h] - K[hb] @ L_t,
-        L_h=L_h,
-        L_t=L_t,
     )
+    return equations, L_h, L_t
 
 
 def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) -> CoordinateChoice:
@@ -286,7 +266,7 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
     changes = MotionChanges(changes.q[spread], changes.v[spread], changes.accelerations[:, spread])
     motors, others = _motors_of_springs(robot, changes)
     none = np.arange(0)
-    equations = _transform(reference, E, changes, CoordinateChoice(motors, others, none, none))
+    equations, _ = _transform(reference, E, changes, CoordinateChoice(motors, others, none, none))
     M, K = equations.M, equations.K
     period = reference.period / (2 * np.pi * LEAST_BALANCED_SHARE)  # [s/rad] 1 / (2 pi f_l), at most
     alone = np.einsum("tii->ti", M)[:, n:] / np.einsum("tii->ti", K)[:, n:]  # (T, d - n) [s^2/rad^2]
@@ -300,7 +280,7 @@ def _choose_coordinates(reference: Reference, E: Array, changes: MotionChanges) 
         balanced.append(int(index))
     b = np.array(sorted(balanced), dtype=np.intp)
     choice = CoordinateChoice(motors, others, np.setdiff1d(np.arange(M.shape[1]), b), b)
-    mass = _condense(equations, choice.kept, choice.balanced).M  # (T, m, m), singular if a motion has none
+    mass = _condense(equations, choice.kept, choice.balanced)[0].M  # (T, m, m), singular if a motion has none
     size = np.sqrt(np.abs(np.einsum("tii->ti", mass)))
     scaled = mass / np.maximum(size[:, :, None] * size[:, None], np.finfo(float).tiny)
     if np.linalg.svd(scaled, compute_uv=False)[:, -1].min() < RANK_ROUNDING:

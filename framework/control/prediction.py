@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from framework.control.regulators import (
     Weights,
     disturbances_of,
     plant_with_readings,
-    prior_deviations,
+    prior_starts,
     regulator_gains,
     tune_filter,
 )
@@ -34,7 +35,13 @@ from framework.control.sensors import ControlLoop, sensors_of
 from framework.control.variations import Spread
 from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
-from framework.tolerances import CAUTIONS, GOOD_EXCESS, LEAST_ROOM, MAX_PREDICTED_SHARE
+from framework.tolerances import (
+    GOOD_EXCESS,
+    LEAST_ROOM,
+    MAX_PREDICTED_SHARE,
+    NOISE_FACTORS,
+    TORQUE_FACTORS,
+)
 
 # sets of sensors, the least first: encoders on motors, behind drives, on passive joints, cameras
 SENSOR_SETS = (
@@ -128,12 +135,25 @@ class LinearModels(NamedTuple):
         for tuned, prediction in self.tuned.values():
             if tuned is controller:
                 return prediction
-        closed = self._close_loop(controller, loop)
-        if closed is None:
+        reference, models = self.reference, (*self.within, *self.ends)
+        if isinstance(controller, FeedforwardPD) and not controller.integral:
+            # of angles and speeds of motors
+            gain = motor_gains(reference, models[0], controller.feedback)
+            feedback = Feedback(gain, loop.delayed_periods(reference.period))
+            return self._deviate(name, loop, feedback, [Plant.of(model) for model in models])
+        if not isinstance(controller, Regulator):
             return None
-        feedback, plants = closed
+        if controller.sensors is None and not sensors_of(reference.robot, loop).state:
+            return None
+        plants = [plant_with_readings(model, controller.sensors, reference) for model in models]
+        return self._deviate(name, loop, controller.feedback, plants)
+
+    def _deviate(
+        self, name: str, loop: ControlLoop, feedback: Feedback, plants: list[Plant]
+    ) -> LoopPrediction:
+        """Predict the deviations of robots under a feedback: of `within`, then of `ends`, if any."""
         reference, scale = self.reference, self.reference.robot.platform_scale
-        start = prior_deviations(reference, self.within[0], self.spread)
+        start = prior_starts(reference, self.within[0], self.spread)
         start[: 2 * self.within[0].m] = 0.0  # robots start on the plan
         deviation = closed_loop_deviation(feedback, plants, start)
         platform = (deviation.z[:, :, : len(scale)] / scale).max(axis=(1, 2))  # (R,)
@@ -151,64 +171,48 @@ class LinearModels(NamedTuple):
             platform=float(platform[:count].max()),
             torque=float((torque / peak).max()),
             load=float((torque / left).max()),
-            ends=float(is_kept.mean()) if self.ends else 1.0,
+            ends=float(is_kept.mean()) if len(is_kept) else 1.0,
         )
 
-    def _close_loop(self, controller: Controller, loop: ControlLoop) -> tuple[Feedback, list[Plant]] | None:
-        """Return the feedback of a controller, and the robots with its readings; None unless linear."""
-        robot, models = self.reference.robot, (*self.within, *self.ends)
-        if isinstance(controller, FeedforwardPD) and not controller.integral:
-            # of angles and speeds of motors
-            gain = motor_gains(self.reference, models[0], controller.feedback)
-            feedback = Feedback(gain, loop.delayed_periods(self.reference.period))
-            return feedback, [Plant.of(model) for model in models]
-        if not isinstance(controller, Regulator):
-            return None
-        if controller.sensors is None and not sensors_of(robot, loop).state:
-            return None
-        plants = [plant_with_readings(model, controller.sensors, self.reference) for model in models]
-        return controller.feedback, plants
-
     def tune_lqg(self, loop: ControlLoop) -> tuple[Regulator, LoopPrediction]:
-        """Tune lqg for the sensors of the loop with the first of CAUTIONS predicted to do well at all ends.
+        """Tune lqg for the sensors of the loop, with the weights of least predicted excess.
 
-        If none is, take the one of least excess over GOOD_EXCESS, and of these the one that keeps the
-        tolerance at most ends.
+        They are the stated ones times factors on the filter's noise and on the torque share, the first that
+        do well at all ends. Excesses below GOOD_EXCESS count as equal; of equal ones, take the one that keeps
+        the tolerance at most ends.
         """
         key = repr((loop, self.tuning))
         if key in self.tuned:
             return self.tuned[key]
+        reference, spread, tuning, model = self.reference, self.spread, self.tuning, self.within[0]
+        sensors, delay = sensors_of(reference.robot, loop), loop.delayed_periods(reference.period)
+        plants = [plant_with_readings(one, sensors, reference) for one in (*self.within, *self.ends)]
+        # the filter counts disturbances that are not estimated as zero
+        kinds = disturbances_of(spread) if tuning.estimates is None else tuning.estimates
+        prior = prior_starts(reference, model, spread)
+        unknown = [name.split()[0] not in {kind.rstrip("s") for kind in kinds} for name in model.names]
+        prior[2 * model.m :][unknown] = 0.0
 
         def rank(tuned: tuple[Regulator, LoopPrediction]) -> tuple[float, float]:
             return max(tuned[1].excess(loop.tolerance), GOOD_EXCESS), -tuned[1].ends
 
-        best = self._tune(loop, *CAUTIONS[0])
-        for weights in CAUTIONS[1:]:
-            if rank(best) == (GOOD_EXCESS, -1.0):
+        candidates: list[tuple[Regulator, LoopPrediction]] = []
+        for noise, torque in product(NOISE_FACTORS, TORQUE_FACTORS):
+            weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
+            if weights.torque not in self.gains:  # they do not depend on sensors
+                self.gains[weights.torque] = regulator_gains(reference, model, weights)
+            observer = tune_filter(reference, model, plants[0], sensors, spread, weights, prior)
+            controller = Regulator(reference, model, self.gains[weights.torque], delay, observer, sensors)
+            prediction = self._deviate("lqg", loop, controller.feedback, plants[: len(self.within)])
+            if prediction.excess(loop.tolerance) <= GOOD_EXCESS:  # ends decide between good ones alone
+                prediction = self._deviate("lqg", loop, controller.feedback, plants)
+            candidates.append((controller, prediction))
+            if rank(candidates[-1]) == (GOOD_EXCESS, -1.0):
                 break
-            best = min(best, self._tune(loop, *weights), key=rank)
-        self.tuned[key] = best
-        return best
-
-    def _tune(self, loop: ControlLoop, noise: float, torque: float) -> tuple[Regulator, LoopPrediction]:
-        """Tune lqg with weights times factors of noise and torque share, and predict its deviations."""
-        reference, spread, tuning, model = self.reference, self.spread, self.tuning, self.within[0]
-        weights = Weights(torque=torque * tuning.torque_share).with_noise(noise)
-        if weights.torque not in self.gains:  # they do not depend on sensors
-            self.gains[weights.torque] = regulator_gains(reference, model, weights)
-        sensors = sensors_of(reference.robot, loop)
-        plant = plant_with_readings(model, sensors, reference)
-        # the filter counts disturbances that are not estimated as zero
-        kinds = disturbances_of(spread) if tuning.estimates is None else tuning.estimates
-        start = prior_deviations(reference, model, spread)
-        start[2 * model.m :] *= [
-            name.split()[0] in {kind.rstrip("s") for kind in kinds} for name in model.names
-        ]
-        observer = tune_filter(reference, model, plant, sensors, spread, weights, start)
-        delay = loop.delayed_periods(reference.period)
-        controller = Regulator(reference, model, self.gains[weights.torque], delay, observer, sensors)
-        prediction = self.predict("lqg", controller, loop)
-        assert prediction is not None
+        controller, prediction = min(candidates, key=rank)
+        if prediction.excess(loop.tolerance) > GOOD_EXCESS:
+            prediction = self._deviate("lqg", loop, controller.feedback, plants)
+        self.tuned[key] = controller, prediction
         return controller, prediction
 
 

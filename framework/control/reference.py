@@ -41,7 +41,7 @@ class Reference(ReadOnlyArrays):
     motor_angle: Array  # (K, n_a) [rad, m], motor side
     motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
     N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
-    law: MotionLaw  # path parameter over time
+    law: MotionLaw  # path coordinate over time
     wrenches: ExternalWrenches  # external wrenches, as planned
 
     @cached_property

@@ -179,20 +179,28 @@ def disturbances_of(spread: Spread) -> tuple[str, ...]:
     return tuple(kind for kind, size in sizes.items() if size)
 
 
-def prior_deviations(reference: Reference, model: LinearModel, spread: Spread) -> Array:
-    """Return standard deviations (N,) of h, h' and theta at the start."""
+def prior_starts(reference: Reference, model: LinearModel, spread: Spread) -> Array:
+    """Return independent starts S (N, c) of z = (h, h', theta), so that z z' is S S' in the mean.
+
+    Dry friction is uniform from 0, so its mean is common to all motors: a start of its own. Friction of each
+    motor about zero instead would leave out that all motors are late together.
+    """
     robot, length = reference.robot, reference.robot.platform_scale
     columns = robot.column_scale[model.columns]
     sizes = {
         "payload": spread.payload * UNIFORM,
-        "friction": spread.friction * UNIFORM,
+        "friction": spread.friction * UNIFORM / 2,
         "spring": spread.stiffness * UNIFORM,
         "gravity": GRAVITY_DEVIATION,
         "torque": 0.05,  # share of the peaks
     }
-    theta = [sizes[name.split()[0]] for name in model.names]
+    kinds = [name.split()[0] for name in model.names]
+    theta = [sizes[kind] for kind in kinds]
     # robots begin at rest on the plan: small errors, with which the filter starts regular
-    return np.concatenate([2e-4 * length, 1e-3 * columns, 1e-4 * length, 1e-3 * columns, theta])
+    independent = np.concatenate([2e-4 * length, 1e-3 * columns, 1e-4 * length, 1e-3 * columns, theta])
+    common = np.zeros_like(independent)
+    common[2 * model.m :] = [spread.friction / 2 if kind == "friction" else 0.0 for kind in kinds]
+    return np.column_stack([np.diag(independent), common])
 
 
 def regulator_gains(reference: Reference, model: LinearModel, weights: Weights) -> Array:
@@ -244,7 +252,7 @@ def tune_filter(
     """Compute the Kalman filter of a plant that sensors read.
 
     Args:
-        prior: standard deviations (N,) of z at the start.
+        prior: independent starts (N, c) of z, see `prior_starts`.
     """
     robot, period = reference.robot, reference.period
     F, C = plant.F, plant.C
@@ -262,7 +270,7 @@ def tune_filter(
     noise[:, m + n :] = weights.motor_torque * persistence * by_torque
 
     gain = np.empty(C.swapaxes(1, 2).shape)
-    P = np.diag(prior**2)
+    P = prior @ prior.T
     states = np.arange(2 * m)
     for k in range(len(C)):
         PC = P @ C[k].T

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -119,7 +118,8 @@ def _iterate_passes(branch: Branch, choose_law: LawChoice, tolerance: float, cur
     good_contraction = 0.3
     robot, grid = branch.robot, current.grid
     last_change = np.inf
-    for passes in count(1):
+    passes = 1
+    while True:
         check_time()
         following = grid.fit_truncated(current.caused)  # deflections of the next pass
         # the part of the residual that the next pass removes; the rest is truncated
@@ -128,20 +128,25 @@ def _iterate_passes(branch: Branch, choose_law: LawChoice, tolerance: float, cur
         truncation = _relative_size(robot, current.residual - resolved_change, current)
         # before the second pass the contraction is unknown, and assumed
         contraction = change / last_change if np.isfinite(last_change) else good_contraction
-        solution = replace(current, passes=passes, change=_relative_size(robot, current.residual, current))
         # change * contraction estimates the change by the next pass
-        if change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance:
-            return replace(solution, deflections=following)
-        if change <= truncation:  # this grid cannot resolve a smaller change
-            return solution
-        if contraction > good_contraction:  # further passes would not settle, or take too long
+        is_solved = change <= tolerance and change * contraction <= SETTLED_SHARE * tolerance
+        # the grid cannot resolve a change below the truncation error; further passes would not settle, or
+        # take too long, if they contract slowly
+        if is_solved or change <= truncation or contraction > good_contraction:
             break
         last_change = change
         try:
             current = evaluate_pass(branch, grid, choose_law(following), following, current)
         except NoAnswer:
             break
-    return replace(solution, is_settled=change <= tolerance)
+        passes += 1
+    return replace(
+        current,
+        passes=passes,
+        change=_relative_size(robot, current.residual, current),
+        deflections=following if is_solved else current.deflections,
+        is_settled=change <= max(tolerance, truncation),
+    )
 
 
 def assess_deflections(branch: Branch, grid: TimeGrid, law: MotionLaw, known: KnownDeflections) -> Pass:

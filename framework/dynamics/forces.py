@@ -279,33 +279,6 @@ def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> A
     return robot.rotor_inertia * n * motion.a[:, robot.actuated] + joint_torque / n
 
 
-def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
-    """Compute the derivatives of the open tree's forces by q, v and a, each (T, nv, nv).
-
-    Column i of a derivative belongs to the joint coordinate i of the velocity vector; derivatives by q are
-    along tangent vectors of pinocchio's configurations. The derivative by a is the mass matrix with armature,
-    without rotors.
-    """
-    data = scratch_of(robot).data
-    nv = robot.nv
-    by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
-    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        pin.computeRNEADerivatives(robot.model, data, q, v, a)
-        by_q[k] = data.dtau_dq
-        by_v[k] = data.dtau_dv
-        by_a[k] = data.M
-    if robot.joint_stiffness.any():
-        by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
-    by_v += np.diag(robot.joint_damping)
-    if robot.line_springs.names:
-        lines = Lines.of(robot, motion.linearised.frames)
-        by_q += lines.force_slope(motion.v)
-        by_v += lines.damping
-    for wrench in motion.wrenches:
-        by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
-    return by_q, by_v, by_a
-
-
 def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
     """Compute d(r - J' lambda) (3, T, k, nv) for k steps of positions, of rates and of accelerations.
 
@@ -318,7 +291,23 @@ def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, chan
     """
     linearised = motion.linearised
     dq = changes.q
-    by_q, by_v, mass = force_slopes(robot, motion)
+    # derivatives of r by q, along tangent vectors, v and a, (T, nv, nv) each; mass: with armature, not rotors
+    data = scratch_of(robot).data
+    by_q, by_v, mass = np.empty((3, len(dq), robot.nv, robot.nv))
+    for k, state in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        pin.computeRNEADerivatives(robot.model, data, *state)
+        by_q[k] = data.dtau_dq
+        by_v[k] = data.dtau_dv
+        mass[k] = data.M
+    if robot.joint_stiffness.any():
+        by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
+    by_v += np.diag(robot.joint_damping)
+    if robot.line_springs.names:
+        lines = Lines.of(robot, linearised.frames)
+        by_q += lines.force_slope(motion.v)
+        by_v += lines.damping
+    for wrench in motion.wrenches:
+        by_q -= wrench_slope(robot, linearised.frames.screws, wrench)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     of_loops = loop_force_changes(
         robot, robot.spanning_loops, linearised.frames, wrenches, linearised.spread(multipliers), dq

@@ -344,7 +344,7 @@ def unresolved_error(
     """
     robot = searched.branch.robot
     certificate = result.certificate
-    s = x = None  # path parameter and platform coordinates (n,) of a near miss
+    s = x = None  # path coordinate and platform coordinates (n,) of a near miss
     # the near miss to name: the unresolved one, or else that of the narrowest torque peak
     near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
     if certificate.tail > tolerance:

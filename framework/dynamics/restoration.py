@@ -20,7 +20,6 @@ from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflec
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw
 from framework.laws.optimal_law import Clock, InTime, OnParameter, OptimalLaw
 from framework.numerics.arrays import Array
@@ -73,9 +72,13 @@ def solve_balance(
     scalars = np.zeros(len(steps))
     if start is None:
         clock = family(scalars)
-        splines = DeflectionSplines.uniform(
-            clock.edges, FIRST_CELLS, continuity=_continuity_at_knots(robot, clock)
-        )
+        # the highest derivative that does not jump at the knots of a path: springs without inertia jump with
+        # the forces; with inertia deflections are continuous, under laws that have rest at both ends also two
+        # derivatives. Else continuous accelerations would make springs vibrate where the path jumps
+        continuity = -1
+        if robot.elastic_inertia:
+            continuity = 2 if isinstance(clock, OnParameter) else 0
+        splines = DeflectionSplines.uniform(clock.edges, FIRST_CELLS, continuity=continuity)
         series = np.zeros((splines.size, robot.n_e))
     else:
         splines, series = start.splines, start.series / equations.units
@@ -84,19 +87,6 @@ def solve_balance(
     if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
         state = _refine(equations, _soften(equations, first, state.misfit), MIN_GAIN * SETTLED_MISFIT)
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
-
-
-def _continuity_at_knots(robot: ParallelRobot, clock: Clock) -> int:
-    """Return the highest derivative of the deflections that does not jump at the knots of a path.
-
-    Springs without inertia follow the forces and jump with them: -1. With inertia, also rates and
-    accelerations are continuous. This is required under optimal laws (`OnParameter`), whose springs are at
-    rest at both ends: 2. Under polynomials only the deflections are continuous: 0. Where the path has only
-    two derivatives, continuous accelerations would make the springs vibrate.
-    """
-    if not robot.elastic_inertia:
-        return -1
-    return 2 if isinstance(clock, OnParameter) else 0
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -160,10 +150,9 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
             residual=stiffest.misfit,
         )
     solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)  # of the softest springs so far
-    stiffer = MAX_STIFFENING
-    softening = SOFTENING
     if solved.misfit > MAX_UNRESOLVED_MISFIT:
-        raise _no_balance(equations, f"springs {stiffer:g} times as stiff do not either", np.inf)
+        raise _no_balance(equations, f"springs {MAX_STIFFENING:g} times as stiff do not either", np.inf)
+    stiffer, softening = MAX_STIFFENING, SOFTENING
     while stiffer > 1.0 and softening > MIN_SOFTENING:
         softening = min(softening, stiffer)  # the last step ends at the robot's own springs
         softer = stiffer / softening

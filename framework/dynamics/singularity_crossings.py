@@ -321,20 +321,20 @@ def _compare_accelerations(branch: Branch, crossing: SingularityCrossing) -> str
     """State s' and s" of the law, and if s" has an effect, the s" that condition (8) asks for.
 
     t_s . W_p = alpha s" + .. is affine in s", where alpha is the power of the inertial forces at s" = 1.
+    It vanishes at the s" of the law minus t_s . W_p / alpha.
     """
-    forces = PathForces.compute(branch, np.array([crossing.s]), crossing.pose)
-    powers = crossing.motion * forces.inertial[0]  # (nv,)
+    inertial = PathForces.compute(branch, np.array([crossing.s]), crossing.pose).inertial[0]  # (nv,)
+    powers = crossing.motion * inertial  # (nv,), whose sum is alpha
     alpha = powers.sum()
+    has_effect = abs(alpha) > NO_HOLD * np.abs(powers).sum()
+    required = crossing.acceleration - crossing.wrench / alpha if has_effect else 0.0
     rounding = CONDITION_ROUNDING * max(abs(crossing.acceleration), crossing.speed**2)  # of s" [1/s^2]
-    acceleration = crossing.acceleration if abs(crossing.acceleration) > rounding else 0.0
-    has = f"the law has s' = {crossing.speed:.6g} 1/s and s\" = {acceleration:.6g} 1/s^2"
-    if crossing.corank > 1 or abs(alpha) <= NO_HOLD * np.abs(powers).sum():  # each motion has a condition
+    of_law, asked = (s if abs(s) > rounding else 0.0 for s in (crossing.acceleration, required))
+    has = f"the law has s' = {crossing.speed:.6g} 1/s and s\" = {of_law:.6g} 1/s^2"
+    if crossing.corank > 1 or not has_effect:  # with several motions each has a condition
         return has
-    required = crossing.acceleration - crossing.wrench / alpha
-    if abs(required) < rounding:
-        required = 0.0
     deflected = " and these deflections" if branch.robot.n_e else ""
-    return f"{has}, and at this s'{deflected} it asks for s\" = {required:.6g}"
+    return f"{has}, and at this s'{deflected} it asks for s\" = {asked:.6g}"
 
 
 def check_crossings(robot: ParallelRobot, solution: Pass, result: InverseDynamics) -> None:

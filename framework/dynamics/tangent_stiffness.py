@@ -117,6 +117,10 @@ def tangent_stiffness(
     multiplied by its share. The multipliers lambda are the least-squares solution of J' lambda = forces, with
     J the scaled derivative of c along the f columns that move with locked motors.
 
+    The curvature lambda . d2c/dq2 + w . d2x/dq2 is the symmetric part of d(J' lambda + X' w)/dq at constant
+    lambda and w, with the Jacobians J of c and X of x. The derivative itself is not symmetric on ball joints,
+    as turns about different axes do not commute. Coordinates x that are joints have no curvature.
+
     Args:
         steps: columns are p steps [rad, m] of the joints that move with locked motors.
     """
@@ -131,44 +135,23 @@ def tangent_stiffness(
     slopes = load.share[:, None, None] * of_weight  # of the joint forces of weight, (T, nv, nv)
     if robot.line_springs.names:
         slopes += Lines.of(robot, linearised.frames).force_slope()
-    # second derivatives of potentials are the symmetric part: turns about different axes of a ball do not
-    # commute
-    stiffness = 0.5 * (slopes + slopes.swapaxes(1, 2))
+    stiffness = 0.5 * (slopes + slopes.swapaxes(1, 2))  # the second derivatives of the potential
     between_joints = stiffness[:, columns[:, None], columns]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(between_joints, steps)
-    curvature = _curvature(robot, linearised, steps, multipliers, load)
-    return matmul(steps.swapaxes(1, 2), force_changes) - curvature
 
-
-def _curvature(
-    robot: ParallelRobot, linearised: LinearisedLoops, steps: Array, multipliers: Array, load: Load
-) -> Array:
-    """Compute the curvature lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along steps (T, f, p).
-
-    It is the symmetric part of steps' d(J' lambda + X' w)/dq steps at constant lambda and w, with the
-    Jacobians J of the loop equations c and X of the platform coordinates x. The derivative itself is not
-    symmetric on ball joints, because turns about different axes do not commute. Coordinates x that are joints
-    have no curvature.
-
-    Args:
-        steps: columns are p steps [rad, m] of the joints that move with locked motors.
-        multipliers: lambda (T, m).
-        load: the wrench w on the platform, and the share (T,) of w that acts.
-    """
+    # the changes of J' lambda and X' w along the steps, as motions of all joints
     frames = linearised.frames
-    platform = robot.platform
     motions = np.zeros((len(steps), steps.shape[2], robot.nv))
-    motions[:, :, robot.unlocked] = steps.swapaxes(1, 2)
-    wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
-    changes = loop_force_changes(
-        robot, robot.spanning_loops, frames, wrenches, linearised.spread(multipliers), motions
-    )
-    if isinstance(platform, FramePlatform):
-        at_origin = load.share[:, None] * (load.w @ platform.units)  # (T, 6) on base axes
+    motions[:, :, columns] = steps.swapaxes(1, 2)
+    loop_wrenches = linearised.wrenches[:, robot.n :]
+    spread = linearised.spread(multipliers)
+    changes = loop_force_changes(robot, robot.spanning_loops, frames, loop_wrenches, spread, motions)
+    if isinstance(robot.platform, FramePlatform):
+        at_origin = load.share[:, None] * (load.w @ robot.platform.units)  # (T, 6) on base axes
         applied = applied_wrench(robot, frames, robot.description.platform.frame, at_origin)
         changes += matmul(motions, wrench_slope(robot, frames.screws, applied).swapaxes(1, 2))
-    curvature = matmul(changes, motions.swapaxes(1, 2))
-    return 0.5 * (curvature + curvature.swapaxes(1, 2))
+    curvature = matmul(changes, motions.swapaxes(1, 2))  # (T, p, p), before it is made symmetric
+    return matmul(steps.swapaxes(1, 2), force_changes) - 0.5 * (curvature + curvature.swapaxes(1, 2))
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:

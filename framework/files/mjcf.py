@@ -150,7 +150,12 @@ def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, 
     body = SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | attributes)
     _add_joints(robot, body, np.asarray(data.joints[j].S), j, is_split=is_split)
 
-    matrix = _acceptable_inertia(inertia.inertia)
+    # MuJoCo takes no principal moment above the sum of the others: half of the excess is added to each of
+    # these. For a thin rod the excess is rounding; in planar robots often one moment is given and the others
+    # are zero, which become half of it, without an effect on motion in the plane
+    moments, axes = np.linalg.eigh(inertia.inertia)  # ascending
+    moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1])
+    matrix = axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
     products = matrix[[0, 0, 1], [1, 2, 2]]  # xy, xz, yz
     SubElement(
         body,
@@ -214,20 +219,6 @@ def _dynamic_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
         "frictionloss": robot.joint_friction[column],
     }
     return {key: repr(float(value)) for key, value in values.items() if value}
-
-
-def _acceptable_inertia(inertia: Array) -> Array:
-    """Return an inertia (3, 3) [kg m^2] that MuJoCo accepts.
-
-    The principal axes stay. If the largest principal moment exceeds the sum of the others, half of the excess
-    is added to each of the others. For a thin rod the excess is rounding. In planar robots often one moment
-    is given and the others are zero. Each of these becomes half of the first, without an effect on motion in
-    the plane.
-    """
-    moments, axes = np.linalg.eigh(inertia)  # ascending
-    excess = moments[2] - moments[0] - moments[1]
-    moments[:2] += 0.5 * max(0.0, excess)
-    return axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
 
 
 def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element], zero: Array) -> None:

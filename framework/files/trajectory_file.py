@@ -50,10 +50,11 @@ def joint_trajectory(
     motion = [plan.motor_angle(times, order) / gear for order in range(3)]
     effort = plan.torque(times) * gear
     rows = np.stack([*motion, effort], axis=1).tolist()  # (T, 4, n_a), each row in the order of FIELDS
-    points = [
-        {**dict(zip(FIELDS, row, strict=True)), "time_from_start": _duration(time)}
-        for time, row in zip(times, rows, strict=True)
-    ]
+    points = []
+    for time, row in zip(times.tolist(), rows, strict=True):
+        seconds, nanoseconds = divmod(round(time * NANOSECONDS), NANOSECONDS)
+        duration = {"sec": seconds, "nanosec": nanoseconds}
+        points.append({**dict(zip(FIELDS, row, strict=True)), "time_from_start": duration})
     frame_id = f"{side}_side{'_before_springs' if robot.n_e else ''}"
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame_id},
@@ -65,9 +66,3 @@ def joint_trajectory(
 def describe_side(plan: CrossingPlan, side: str) -> str:
     """Describe which side of gears and springs the trajectory refers to."""
     return SIDES[side] + ("; before the springs of drives and links" if plan.robot.n_e else "")
-
-
-def _duration(seconds: float) -> dict[str, int]:
-    """Return a time [s] as builtin_interfaces/Duration."""
-    whole_seconds, nanoseconds = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
-    return {"sec": whole_seconds, "nanosec": nanoseconds}

@@ -155,4 +155,4 @@ def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
         if abs(abs(change_1) - abs(change_2)) < COEFFICIENT_ROUNDING * abs(change_1):
             kind = "difference" if change_1 * change_2 > 0 else "sum"
             return f"{' and '.join(changed_names)} only as their {kind}"
-    return f"no change by {format_combination(names, direction)}"
+    return f"a change by {format_combination(names, direction)}"

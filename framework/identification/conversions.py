@@ -16,7 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from framework.errors import InvalidInput, NoAnswer, check_choice, expect
-from framework.identification.recording import LINEAR_AXES, Recording, check_recording, read_recording
+from framework.identification.recording import (
+    LINEAR_AXES,
+    Recording,
+    are_usual_steps,
+    check_recording,
+    read_recording,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.tolerances import CLEAR_MISFIT, FAULT_RATIO
@@ -124,14 +130,13 @@ def _count_turns(data: Recording, times: Array, angles: Array, name: str) -> Arr
         InvalidInput: steps change by half a turn from one to the next, so that the motor may turn faster; or
             these speeds differ by a turn over a gap.
     """
-    longest = 1.5  # step of time, over the median step; longer ones are gaps
     speed_steps = 8  # samples from which a speed is taken
     known = np.flatnonzero(~np.isnan(angles))
     if len(known) < 2:
         return angles
     t, steps = times[known], np.diff(times[known])
     counted = np.unwrap(angles[known])
-    is_gap = steps > longest * np.median(steps)
+    is_gap = ~are_usual_steps(t)
     gaps = np.flatnonzero(is_gap)  # behind these samples
     jumps = np.abs(np.diff(np.where(is_gap, np.nan, np.diff(counted)))) > np.pi
     if jumps.any():

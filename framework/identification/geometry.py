@@ -99,8 +99,13 @@ class Geometry(ReadOnlyArrays):
         elements = elements_by_name(urdf, "joint")
         moves, lengths = np.split(self.dimensions(values), [6 * len(self.joints)])
         for joint, move in zip(self.joints, moves.reshape(-1, 6), strict=True):
-            if move.any():
-                _move_origin(elements[joint], move)
+            if move.any():  # translations, then rotations about x, y, z, as the virtual joints of the model
+                element = elements[joint]
+                pose = read_origin(element, f"joint {joint!r}") @ placement(None, move[:3])
+                for axis, angle in zip(np.eye(3), move[3:], strict=True):
+                    pose = pose @ placement(rotation_about(axis, angle))
+                remove_children(element, "origin")
+                element.append(origin_element(pose))
         changes = dict(zip(self.lengths, lengths.tolist(), strict=True))
         closures = [
             replace(loop, length=(loop.length or 0.0) + changes[loop.name]) if loop.name in changes else loop
@@ -261,18 +266,6 @@ def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
     return {element.get("name", ""): element for element in urdf.findall(tag)}
 
 
-def _move_origin(joint: Element, move: Array) -> None:
-    """Move a joint's origin by `move` (6,): translations [m], then rotations [rad] about x, y, z.
-
-    The virtual joints of `parametrise_geometry`, three slides and then three hinges, have the same effect.
-    """
-    pose = read_origin(joint, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
-    for axis, angle in zip(np.eye(3), move[3:], strict=True):
-        pose = pose @ placement(rotation_about(axis, angle))
-    remove_children(joint, "origin")
-    joint.append(origin_element(pose))
-
-
 # ------------------------------------------------------------------ measured poses as equations
 
 
@@ -417,9 +410,8 @@ def measurement_offsets(
     by_fixtures = np.zeros((T, m, 3 * len(geometry.fixtures)))
     moves = values[len(geometry.names) - by_fixtures.shape[2] :].reshape(-1, 3)
     for k, (fixture, move) in enumerate(zip(geometry.fixtures, moves, strict=True)):
-        off, by_point, by_fixtures[:, ends[-1] + k, 3 * k : 3 * k + 3] = fixture.offsets(
-            frames.platform_origin, fixed_values[:, k], move
-        )
+        off, by_point, by_move = fixture.offsets(frames.platform_origin, fixed_values[:, k], move)
+        by_fixtures[:, ends[-1] + k, 3 * k : 3 * k + 3] = by_move
         offset.append(off[:, None])
         slope.append(by_point[:, None] @ frames.frame_jacobian()[:, :3])
     return np.concatenate(offset, axis=1), np.concatenate(slope, axis=1), by_fixtures

@@ -27,7 +27,7 @@ from framework.errors import (
     check_choice,
     list_names,
 )
-from framework.identification.recording import Recording
+from framework.identification.recording import Recording, are_usual_steps
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import (
     check_motors_are_free,
@@ -38,7 +38,7 @@ from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at, full_motion
 from framework.kinematics.inverse_kinematics import close_loops, require_square
-from framework.kinematics.linearised_loops import LinearisedLoops, clearance, linearised_at
+from framework.kinematics.linearised_loops import clearance, linearised_at
 from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at, motor_speeds
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
@@ -183,7 +183,6 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
 
     The platform is checked unless `poses` leave it out.
     """
-    largest_step = 1.5  # of time, over the median step; longer ones are gaps
     kinds = dict.fromkeys(("motor_angle", "torque"), robot.actuator_names)
     if poses != "motors" and data.has("platform", robot.axis_names):
         kinds["platform"] = robot.axis_names
@@ -195,8 +194,7 @@ def check_signals(robot: ParallelRobot, data: Recording, poses: str | None = Non
             raise InvalidInput(
                 f"{data.source}: {len(known)} samples of {kind}; at least {MIN_SAMPLES} are needed{without}"
             )
-        time_steps = np.diff(known.column("time"))
-        is_usual = time_steps < largest_step * np.median(time_steps)  # (T - 1,)
+        is_usual = are_usual_steps(known.column("time"))  # (T - 1,)
         for ending, values in zip(endings, columns.T, strict=True):
             _check_column(known, f"{kind}_{ending}", values, is_usual)
 
@@ -260,10 +258,8 @@ def _refuse_jumps(robot: ParallelRobot, data: Recording, joints: Array) -> None:
 
     No continuation could tell which way the motors, whose joints are (T, n_a), have gone in between.
     """
-    longest = 1.5  # step of time, over the median step; longer ones are gaps
-    steps = np.diff(data.column("time"))  # (T - 1,)
     jumps = (np.abs(np.diff(joints, axis=0)) >= np.pi) & ~robot.sliding[robot.actuated]
-    jumps &= (steps <= longest * np.median(steps))[:, None]
+    jumps &= are_usual_steps(data.column("time"))[:, None]
     if jumps.any():
         k, motor = np.argwhere(jumps)[0].tolist()
         turn = float(joints[k + 1, motor] - joints[k, motor])
@@ -300,25 +296,32 @@ def begin_at_first_row(robot: ParallelRobot, data: Recording, start: Mapping[str
         description = replace(robot.description, reference=stated)
         q = ParallelRobot.from_description(description).reference.q
     elif data.has("platform", robot.axis_names):
-        x = data.columns("platform", robot.axis_names)[0]
-
-        def misfit(q: Array) -> float:
-            """Compute the largest offset of the motors' joints from their first angles at q (nq,)."""
-            return float(motor_distances(robot, robot.actuated_coordinates(q[None])[0] - q_a).max())
-
-        poses: list[Array] = []
-        with suppress(NoAnswer):
-            poses.append(assemble(robot, x).q)
-        if not poses or misfit(poses[0]) > MAX_MOTOR_MISFIT:
-            poses += (mode.q for mode in working_modes(robot, np.array(x)).modes)
-        q = min(poses, key=misfit, default=robot.reference.q)
-        if misfit(q) > MAX_MOTOR_MISFIT:  # the file, a column or a zero is wrong, which is found later
+        pose = _pose_with_motors(robot, data.columns("platform", robot.axis_names)[0], q_a)
+        if pose is None:  # the file, a column or a zero is wrong, which is found later
             return robot
+        q = pose
     else:
         return robot
     frames = frames_at(robot, q[None])
-    pose = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
-    return replace(robot, reference=pose)
+    first = Configuration(q, robot.platform.coordinates(frames)[0], robot.reference.residual, 0)
+    return replace(robot, reference=first)
+
+
+def _pose_with_motors(robot: ParallelRobot, x: Array, q_a: Array) -> Array | None:
+    """Find the pose (nq,) at x (n,) with the motors' joints near q_a (n_a,), in any working mode."""
+
+    def misfit(q: Array) -> float:
+        """Compute the largest offset of the motors' joints from q_a at q (nq,)."""
+        return float(motor_distances(robot, robot.actuated_coordinates(q[None])[0] - q_a).max())
+
+    with suppress(NoAnswer):
+        q = assemble(robot, x).q
+        if misfit(q) <= MAX_MOTOR_MISFIT:
+            return q
+    fitting = [
+        mode.q for mode in working_modes(robot, np.array(x)).modes if misfit(mode.q) <= MAX_MOTOR_MISFIT
+    ]
+    return min(fitting, key=misfit, default=None)
 
 
 # ------------------------------------------------------------------ smoothing
@@ -413,32 +416,17 @@ def _cross_validation(times: Array, samples: Array, count: int) -> float:
 def _motion_of_motors(robot: ParallelRobot, joints: Array, progress: Callable[[int], None]) -> Motion:
     """Compute the motion of all joints from motor positions, rates and accelerations.
 
-    `joints` (3, T, n_a) are on the joint side of the gears, and `progress` is called with the number of poses
-    followed. N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to
-    motors. Then v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift is the joint
-    acceleration at zero acceleration of the platform, drift_a its rows that belong to motors.
-    """
-    q_a, dq_a, ddq_a = joints
-    q, linearised = _poses_of_motors(robot, q_a, progress)  # (T, nq)
-    _, N = motor_speeds(robot, linearised)  # (T, nv, n)
-    joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
-    v = np.matvec(joints_per_motor, dq_a)
-    drift = freeze_deflections(robot, q, v, np.zeros_like(v)).a
-    a = drift + np.matvec(joints_per_motor, ddq_a - drift[:, robot.actuated])
-    return freeze_deflections(robot, q, v, a)
-
-
-def _poses_of_motors(
-    robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]
-) -> tuple[Array, LinearisedLoops]:
-    """Follow the motors' joints (T, n_a) [rad, m]; return the poses (T, nq) and their linearised loops.
-
     Poses are followed from one to the next a `largest_step` apart; Newton's method closes those between from
     the pose before. Beyond a singularity motor angles do not determine the mode of the robot. One is possible
     between two poses if the clearance, extrapolated linearly through two neighbouring instants, reaches zero
     at the instant behind them or the one ahead of them.
 
+    N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to motors. Then
+    v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift is the joint acceleration at zero
+    acceleration of the platform, drift_a its rows that belong to motors.
+
     Args:
+        joints: (3, T, n_a) on the joint side of the gears [rad, m].
         progress: called with the number of poses followed.
 
     Raises:
@@ -446,6 +434,7 @@ def _poses_of_motors(
     """
     largest_step = 0.05  # [rad, robot lengths] of a motor between poses that are followed
     check_motors_are_free(robot)
+    q_a, dq_a, ddq_a = joints
     travel = np.abs(np.diff(q_a, axis=0, prepend=q_a[:1])) / robot.column_scale[robot.actuated]
     cell = (travel.max(axis=1).cumsum() / largest_step).astype(int)  # (T,) samples of a cell share a guess
     first = np.flatnonzero(np.diff(cell, prepend=-1))
@@ -471,7 +460,13 @@ def _poses_of_motors(
         k = int(is_near.argmax())
         x = robot.platform.coordinates(linearised.frames)[k]
         raise _type2_error(robot, closed.q[k], x, float(linearised.gap[k]), k / len(q_a))
-    return closed.q, linearised
+
+    _, N = motor_speeds(robot, linearised)  # (T, nv, n)
+    joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
+    v = np.matvec(joints_per_motor, dq_a)
+    drift = freeze_deflections(robot, closed.q, v, np.zeros_like(v)).a
+    a = drift + np.matvec(joints_per_motor, ddq_a - drift[:, robot.actuated])
+    return freeze_deflections(robot, closed.q, v, a)
 
 
 def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:

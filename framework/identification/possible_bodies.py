@@ -41,7 +41,15 @@ def fit_possible_parameters(
     # the shortest y with semidefinite pseudo-inertias, and with motor parameters that are not negative
     is_free = (spread != 0.0).any(axis=1)
     changed = [part for part in links.link_slices if is_free[part].any()]
-    cones = [_inertia_cone(links.values[part], spread[part], best[part]) for part in changed]
+    cones = []
+    for part in changed:
+        # D P D: the diagonal D gives the file's link mass 1 and largest second moment 1, so that rounding is
+        # relative to 1, whatever units and link. Negative eigenvalues of the size of rounding are allowed
+        in_file = np.diag(pseudo_inertia(links.values[part]))  # (4,) three second moments and the mass
+        largest = in_file[:3].max() or in_file[3]  # a point mass at the origin gets the scale of its mass
+        D = np.diag(1.0 / np.sqrt([largest, largest, largest, in_file[3]]))
+        slopes = np.moveaxis(D @ pseudo_inertia(spread[part].T) @ D, 0, 2)  # (4, 4, w)
+        cones.append(Affine(slopes, D @ pseudo_inertia(best[part]) @ D + RANK_ROUNDING * np.eye(4)))
     motors = links.motor_slice.start + np.flatnonzero(is_free[links.motor_slice])
     sizes = np.linalg.norm(unknowns.prior_root[motors], axis=1)
     y = least_norm_semidefinite(cones, Affine(spread[motors] / sizes[:, None], best[motors] / sizes))
@@ -59,19 +67,3 @@ def fit_possible_parameters(
         write_inertial(link, values[part])
         values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
     return values, spread
-
-
-def _inertia_cone(file_values: Array, spread: Array, best: Array) -> Affine:
-    """Return the scaled pseudo-inertia D P D of a link, affine in y (w,).
-
-    P belongs to the link's parameters best + spread y, with `best` (10,) and `spread` (10, w). The diagonal D
-    gives the `file_values` (10,) mass 1 and largest second moment 1, so that rounding is relative to 1,
-    whatever the units and the link. Negative eigenvalues of the size of rounding are allowed.
-    """
-    diagonal = np.diag(pseudo_inertia(file_values))  # three second moments and the mass
-    mass = diagonal[3]
-    largest = diagonal[:3].max() or mass  # a point mass at the origin has no moments: they get its scale
-    D = np.diag(1.0 / np.sqrt([largest, largest, largest, mass]))
-    slopes = np.moveaxis(D @ pseudo_inertia(spread.T) @ D, 0, 2)  # (4, 4, w)
-    offset = D @ pseudo_inertia(best) @ D
-    return Affine(slopes, offset + RANK_ROUNDING * np.eye(4))

@@ -20,7 +20,7 @@ import numpy as np
 from framework.argument_errors import explain_errors
 from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, list_names, short
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, CheckedNumbers, NotNegative, Positive
 from framework.numerics.input import csv_rows, read_text
 from framework.simulation.simulate import Simulation
@@ -210,6 +210,13 @@ def _read_row(where: str, header: Sequence[str], columns: Sequence[int], cells: 
             raise InvalidInput(f"{where}: {header[k]} needs a finite number, got {short(cells[k])}")
         numbers.append(number)
     return numbers
+
+
+def are_usual_steps(times: Array) -> BoolArray:
+    """Return which steps (T - 1,) between times (T,) [s] are no gaps in a recording."""
+    longest = 1.5  # of the median step
+    steps = np.diff(times)
+    return np.asarray(steps <= longest * np.median(steps))
 
 
 def check_recording(recording: Recording) -> None:

@@ -122,7 +122,8 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
             break
         q, loops = trial, trial_loops
     gaps = np.abs(loops.residual)
-    return Closing(q, float((gaps * mechanism.row_lengths).max()), float(gaps.max()), iterations)
+    residual = (gaps * mechanism.row_lengths).max(initial=0.0)
+    return Closing(q, float(residual), float(gaps.max(initial=0.0)), iterations)
 
 
 def loops_at(mechanism: Mechanism, q: Array) -> LoopEquations:

@@ -100,22 +100,17 @@ def _search_closed_pose(mechanism: Mechanism, near_platform: Array | None) -> Cl
     moved = stated if len(stated) else np.arange(mechanism.nv)
     farthest = int(moved[np.argmax(np.abs(u[moved]))])
     name, unit = mechanism.coordinates.name_of(farthest), mechanism.unit_of(farthest)
-    return ClosedPose(_close_again(mechanism, q), f"{name} {abs(step[farthest]):.3g} {unit}")
 
-
-def _close_again(mechanism: Mechanism, q: Array) -> Array:
-    """Close the loops once more, with the pose q (nq,) that was found as the reference.
-
-    Offsets from a far reference have its rounding. With a slide stated at 1e6 m, loops that count as closed
-    are still a millimetre apart.
-    """
+    # close once more, with q as the reference: offsets from a far one have its rounding. With a slide stated
+    # at 1e6 m, loops that count as closed are still a millimetre apart
     there = mechanism.with_nearby_pose(q)
     lower, upper = _joint_ranges(there)  # of offsets from q
     offsets = np.zeros(there.nv)  # [rad, robot lengths]
     for group in _group_loops(there, lower, upper):
         start = np.clip(0.0, group.lower, group.upper)  # q, but for joints beyond their range by rounding
         offsets[group.columns], _residual = group.close(start)
-    return integrate(there, there.q_near, offsets * there.column_scale)
+    q = integrate(there, there.q_near, offsets * there.column_scale)
+    return ClosedPose(q, f"{name} {abs(step[farthest]):.3g} {unit}")
 
 
 def can_close(

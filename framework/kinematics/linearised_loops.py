@@ -109,10 +109,14 @@ class LinearisedLoops:
 
     @property
     def solved_residual(self) -> Array:
-        """Residuals (T, rows) of the loop equations that can hold: of combinations if some are rounded."""
-        if self.combination is None or self.combination.shape[1] <= self.loops.residual.shape[1]:
-            return self.loops.residual
-        return self.residual[:, self.equations.n :]  # rounded rows are among those combined
+        """Residuals (T, rows) of the loop equations that can hold.
+
+        These are all rows, redundant ones included. But where rounded rows are combined with the others, as
+        the R > rows of a combination show, no row holds by itself: these are the residuals of combinations.
+        """
+        rows = self.loops.residual
+        has_rounded_rows = self.combination is not None and self.combination.shape[1] > rows.shape[1]
+        return self.residual[:, self.equations.n :] if has_rounded_rows else rows
 
     @property
     def platform(self) -> Array:

@@ -29,7 +29,15 @@ def oriented_bases(J: Array, X: Array, row_space: Array, q: Array) -> Array:
     """
     largest_step = 0.5  # [rad, m] between neighbours of a sequence of poses
     least_overlap = 0.5  # det U_1'U_2 of neighbours
-    U = _smooth_bases(J, row_space)
+    least_share = 0.1
+    # Gram-Schmidt of J V, where V is the row space at the reference if it serves the whole stack, else that
+    # of the middle pose. J V loses rank where the loops allow a motion in V: singular vectors serve there
+    m = row_space.shape[1]
+    U, share = _positive_qr(J @ row_space)
+    if share.min(initial=1.0) < least_share:
+        U, share = _positive_qr(J @ row_space_basis(J[len(J) // 2], m))
+        lost = share < least_share
+        U[lost] = np.linalg.svd(J[lost], full_matrices=False)[0][:, :, :m]
     square = np.concatenate([X, U.swapaxes(1, 2) @ J], axis=1)  # (T, n + m, k) Type 1
     if not len(U) or square.shape[1] != square.shape[2]:
         return U
@@ -62,22 +70,6 @@ def row_space_basis(J: Array, m: int) -> Array:
     """Compute V (k, m), a basis of the row space of J (R, k) of rank m, for which J V is orthonormal."""
     _, values, V_rows = np.linalg.svd(J)
     return np.asarray(V_rows[:m].T / values[:m])
-
-
-def _smooth_bases(J: Array, row_space: Array) -> Array:
-    """Compute bases (T, R, m) of the ranges of J by Gram-Schmidt of J V, V (k, m).
-
-    V is the row space at the reference if it serves the whole stack, else that of the middle pose. J V loses
-    rank where the loops allow a motion in V. Near this the basis is made of singular vectors.
-    """
-    least_share = 0.1
-    m = row_space.shape[1]
-    U, share = _positive_qr(J @ row_space)
-    if share.min(initial=1.0) < least_share:
-        U, share = _positive_qr(J @ row_space_basis(J[len(J) // 2], m))
-        lost = share < least_share
-        U[lost] = np.linalg.svd(J[lost], full_matrices=False)[0][:, :, :m]
-    return U
 
 
 def _positive_qr(matrices: Array) -> tuple[Array, Array]:

@@ -79,10 +79,15 @@ class LoopStructure(ReadOnlyArrays):
             apart: dimensionless Jacobians (rows + rounded, nv) at the reference and at poses far apart.
         """
         at_reference = matrices[0]
-        loops = at_reference[-len(mechanism.rows.names) :]  # without the rows of the platform
+        platform_rows = len(at_reference) - len(mechanism.rows.names)
+        loops = at_reference[platform_rows:]
         joints = mechanism.joints  # all columns without those of the springs' own joints
         independent = independent_rows(loops[:, joints])
-        idle = find_idle_joints(at_reference[:, passive], passive)
+        # One passive joint for each motion that moves neither platform nor loops, such as the turn of a rod
+        # about its own axis: the null space of `motion_matrix` along the passive joints. They carry no load
+        # if the turning body is balanced about its axis; `dynamics.motion_checks` measures what remains.
+        idle_motions = null_directions(at_reference[:, passive], RANK_ROUNDING)  # (c, n_p)
+        idle = passive[choose_rows(idle_motions.T, len(idle_motions))]
         moving = np.setdiff1d(joints, idle)
 
         spanning = independent
@@ -123,9 +128,9 @@ def refuse_singular_reference(
         matrices: dimensionless Jacobians (n + rows, nv) of platform and loops at these poses.
     """
     reference, *others = matrices
-    count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
+    n = len(reference) - len(mechanism.rows.names)
     for nearby in others:
-        rows = _rows_losing_rank(reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        rows = _rows_losing_rank(reference[n:, mechanism.joints], nearby[n:, mechanism.joints])
         # transposed, so that each row belongs to a passive joint
         joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)  # indices into `passive`
         if len(rows) or len(joints):
@@ -155,21 +160,11 @@ def find_spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices:
         return ()
     names = mechanism.rows.names
     for matrix in matrices:
-        with_springs = independent_rows(matrix[-len(names) :])  # along all columns, springs included
+        # along all columns, springs included
+        with_springs = independent_rows(matrix[len(matrix) - len(names) :])
         if len(with_springs) > len(independent):
             return tuple(names[row] for row in np.setdiff1d(with_springs, independent))
     return ()
-
-
-def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
-    """Find one of the `passive` columns (n_p,) for each motion that moves neither platform nor loops.
-
-    An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix`
-    along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
-    about its axis; `dynamics.motion_checks` measures the load that remains.
-    """
-    motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
-    return passive[choose_rows(motions.T, len(motions))]
 
 
 def jacobians_apart(mechanism: Mechanism, reference: Array) -> list[Array]:

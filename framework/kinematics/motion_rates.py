@@ -30,7 +30,6 @@ from framework.kinematics.closures import closure_drift, wrench_changes
 from framework.kinematics.couplings import coupling_jacobian_rates
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import (
-    FrameMotions,
     body_twists,
     bracket,
     frame_motions,
@@ -195,6 +194,10 @@ def jacobian_rates(
 
     dF/dq consists of powers W . S of wrenches and screws. S' = [V, S] and S" = [A, S] + [V, S'], with V the
     twist of the joint's body and A = dV/dt. If the accelerations a (T, nv) are None, they are zero.
+
+    The wrench W(c) of a loop has a force that is linear in the axes and origins c of frames, and a moment
+    that is quadratic. So W' is the change of W(c) by c'. W" is the change of W(c) by c", plus, for the
+    moment, the change of W(c') by c'.
     """
     frames = linearised.frames
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
@@ -203,7 +206,13 @@ def jacobian_rates(
 
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)
-    dW, ddW = _wrench_rates(robot, motions, np.array([dS, ddS]))
+
+    # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
+    rates = motions.rates  # (3, T, F, 4, 3): c, c', c"
+    loop_rates = wrench_changes(robot.spanning_loops, rates[[0, 0, 1]], rates[[1, 2, 1]])
+    loop_rates[1, ..., 3:] += loop_rates[2, ..., 3:]
+    platform_rates = robot.platform.wrench_rates(motions, np.array([dS, ddS]))  # (2, T, n, 6)
+    dW, ddW = np.concatenate([platform_rates, loop_rates[:2]], axis=2)  # (T, n + m, 6) each
 
     # S, S' and S" with one screw a column
     S_0, S_1, S_2 = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
@@ -218,27 +227,6 @@ def jacobian_rates(
         first[:, robot.n :] += of_couplings[0]
         second[:, robot.n :] += of_couplings[1]
     return linearised.combine_rows(first), linearised.combine_rows(second)
-
-
-def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
-    """Compute two time derivatives (2, T, n + m, 6) of `LinearisedLoops.wrenches`.
-
-    The wrench W(c) of a loop has a force that is linear in the axes and origins c of frames, and a moment
-    that is quadratic. So W' is the change of W(c) by c'. W" is the change of W(c) by c", plus, for the
-    moment, the change of W(c') by c'.
-
-    Args:
-        motions: axes and origins of the frames, with two time derivatives.
-        screw_rates: two time derivatives (2, T, nv, 6) of the joints' screws.
-    """
-    c, dc, ddc = motions.rates  # (T, F, 4, 3) each
-    # changes of W(c) by c', of W(c) by c", and of W(c') by c', in one stack
-    first, second, at_rates = wrench_changes(
-        robot.spanning_loops, np.array([c, c, dc]), np.stack([dc, ddc, dc])
-    )
-    second[..., 3:] += at_rates[..., 3:]
-    loop_rates = np.array([first, second])
-    return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)
 
 
 class MotionChanges(NamedTuple):

@@ -318,18 +318,20 @@ class Equations(ReadOnlyArrays):
             columns: columns (k,) of the moving joints, those of the n_a motors first.
             n_a: number of motors.
         """
+        n = platform.n
+        m = len(structure.independent)
         # the R rows, of all loop equations and of those that only rounded dimensions keep from redundancy
         rows = mechanism.rows.append(mechanism.rounded).take(structure.spanning)
-        carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame
-        n = platform.n
-        carries_platform = carried[0]  # (nv,); the platform is frame 0
-        signs = np.concatenate([platform.joint_incidence(carries_platform), rows.joint_signs(carried)])
-        pattern = signs != 0.0  # (n + R, nv)
-        pattern[n:] |= coupling_pattern(rows, mechanism.nv)
-        if structure.varies:  # m combinations of the R rows; each may have an entry wherever a row has one
-            combination = np.repeat(pattern[n:].any(axis=0)[None], len(structure.independent), axis=0)
-            pattern = np.concatenate([pattern[:n], combination])  # (n + m, nv)
-        equations = np.arange(len(pattern))
+        carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint carries a frame; 0 is the platform
+        signs = np.concatenate([platform.joint_incidence(carried[0]), rows.joint_signs(carried)])
+
+        # an entry differs from zero where a joint moves one end of a row, or is coupled by the row
+        of_platform = signs[:n] != 0.0  # (n, nv)
+        of_rows = (signs[n:] != 0.0) | coupling_pattern(rows, mechanism.nv)  # (R, nv)
+        if structure.varies:  # each of the m combinations of the R rows may have the entries of all
+            of_rows = np.tile(of_rows.any(axis=0), (m, 1))  # (m, nv)
+        pattern = np.concatenate([of_platform, of_rows])  # (n + m, nv)
+        equations = np.arange(n + m)
         return Equations(
             loops=mechanism.rows.take(structure.independent),
             bodies=np.pad(rows.second, (n, 0)),  # n zeros first, for the platform

@@ -58,32 +58,35 @@ def tree_model(tree: Tree, as_declared: Collection[str] = (), order: Sequence[st
     for joint in _order_joints(tree, order):
         parent, parent_pose, frame = carriers[joint.parent]
         pose = parent_pose * pin.SE3(joint.origin)
-        axes = pin.SE3.Identity()  # pose of the link's axes on those of the joint
         body = _inertia(tree, joint.child)
-        if not joint.moves:
-            # the frame adds its inertia to that of the joint
-            fixed = pin.Frame(joint.name, parent, frame, pose, pin.FrameType.FIXED_JOINT, body)
-            j, axes, frame = parent, pose, model.addFrame(fixed)
-        else:
-            if joint.kind == "floating":
-                for suffix, slide in _SLIDES:  # one carries the other, the last one the ball
-                    parent = model.addJoint(parent, slide(), pose, f"{joint.name}{suffix}")
-                    pose = pin.SE3.Identity()
+        if joint.moves:
+            turned = pin.SE3.Identity()  # pose of the joint's axes on those of its link
             if joint.kind in COORDINATE_SUFFIXES and joint.name not in as_declared:
-                to_centre = rotation_with_axis("z", _centre_direction(tree, joint.child))
-                pose = pose * pin.SE3(to_centre, np.zeros(3))
-                axes = pin.SE3(to_centre.T, np.zeros(3))
-            j = model.addJoint(parent, _joint_model(joint), pose, joint.name)
-            if joint.kind in MOVING:
-                k = model.joints[j].idx_q
-                limits = joint.limits or (-ENDLESS, ENDLESS)
-                model.lowerPositionLimit[k], model.upperPositionLimit[k] = limits
-                k = model.joints[j].idx_v
-                model.effortLimit[k], model.velocityLimit[k] = joint.effort, joint.speed
+                turned.rotation = rotation_with_axis("z", _centre_direction(tree, joint.child))
+            j = _add_moving_joint(model, joint, parent, pose, turned)
+            axes = turned.inverse()
             frame = model.addFrame(pin.Frame(joint.name, j, frame, axes, pin.FrameType.JOINT))
             model.appendBodyToJoint(j, body, axes)
+        else:  # the frame adds its inertia to that of the joint that carries it
+            fixed = pin.Frame(joint.name, parent, frame, pose, pin.FrameType.FIXED_JOINT, body)
+            j, axes, frame = parent, pose, model.addFrame(fixed)
         carriers[joint.child] = j, axes, model.addBodyFrame(joint.child, j, axes, frame)
     return model
+
+
+def _add_moving_joint(model: pin.Model, joint: Joint, parent: int, pose: pin.SE3, turned: pin.SE3) -> int:
+    """Add a joint that moves, with its limits, at a pose on its parent, `turned` there; return its index."""
+    if joint.kind == "floating":
+        for suffix, slide in _SLIDES:  # one carries the other, the last one the ball
+            parent = model.addJoint(parent, slide(), pose, f"{joint.name}{suffix}")
+            pose = pin.SE3.Identity()
+    j = model.addJoint(parent, _joint_model(joint), pose * turned, joint.name)
+    if joint.kind in MOVING:
+        k = model.joints[j].idx_q
+        model.lowerPositionLimit[k], model.upperPositionLimit[k] = joint.limits or (-ENDLESS, ENDLESS)
+        k = model.joints[j].idx_v
+        model.effortLimit[k], model.velocityLimit[k] = joint.effort, joint.speed
+    return j
 
 
 def _order_joints(tree: Tree, order: Sequence[str]) -> list[Joint]:

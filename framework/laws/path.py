@@ -113,7 +113,7 @@ class PointPath(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """The part of a path between the path parameters `start` and `end`."""
+    """The part of a path between the path coordinates `start` and `end`."""
 
     path: Path
     start: float

@@ -80,16 +80,21 @@ def parse_xml(text: str) -> Element:
     except RobotFileError:  # a document type or too many elements; it is a ValueError, too
         raise
     except (ParseError, ValueError) as error:
-        try:  # again, without the faults that other parsers accept
-            # mend two faults that other parsers accept: comments with `--` in them, undeclared prefixes
-            text = erase_matches(_COMMENT, text)
-            prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
-            undeclared = sorted(prefixes.difference(_DECLARED.findall(text)))
-            declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
-            return _build_tree(_TAG.sub(lambda tag: tag[0] + declarations, text, count=1))
-        except (ParseError, ValueError):  # also a RobotFileError, which the faults have hidden so far
-            template = next((words for mark, words in _TEMPLATES.items() if mark in text), "")
-            raise RobotFileError(template or f"not well-formed XML: {error}") from None
+        fault = str(error)
+    try:
+        return _build_tree(_mend_xml(text))
+    except (ParseError, ValueError):  # also a RobotFileError, which the fault has hidden so far
+        template = next((words for mark, words in _TEMPLATES.items() if mark in text), "")
+        raise RobotFileError(template or f"not well-formed XML: {fault}") from None
+
+
+def _mend_xml(text: str) -> str:
+    """Mend two faults that other parsers accept: comments with `--` in them, undeclared prefixes."""
+    text = erase_matches(_COMMENT, text)
+    prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
+    undeclared = sorted(prefixes.difference(_DECLARED.findall(text)))
+    declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
+    return _TAG.sub(lambda tag: tag[0] + declarations, text, count=1)  # of the root
 
 
 def _build_tree(text: str) -> Element:

@@ -10,7 +10,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -134,14 +134,16 @@ class LoopRows(ReadOnlyArrays):
 
     def append(self, other: LoopRows) -> LoopRows:
         """Return these rows and then the `other` ones."""
-        tables = [[getattr(rows, field.name) for field in fields(self)] for rows in (self, other)]
-        names, *columns = zip(*tables, strict=True)
-        return LoopRows(sum(names, ()), *map(np.concatenate, columns))
+        arrays = {name: np.concatenate([vars(self)[name], vars(other)[name]]) for name in _ARRAYS}
+        return LoopRows(self.names + other.names, **arrays)
 
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of the `rows` at indices (k,)."""
-        names, *columns = (getattr(self, field.name) for field in fields(self))
-        return LoopRows(tuple(names[i] for i in rows), *(column[rows] for column in columns))
+        arrays = {name: vars(self)[name][rows] for name in _ARRAYS}
+        return LoopRows(tuple(self.names[i] for i in rows), **arrays)
+
+
+_ARRAYS = [field.name for field in fields(LoopRows)][1:]  # of LoopRows, each with an item a row
 
 
 class CoupledJoints(NamedTuple):
@@ -181,9 +183,11 @@ def loop_rows(
         coefficients = np.pad(list(coupling.terms.values()), (0, M - terms))
         powers = np.pad(list(coupling.terms), ((0, M - terms), (0, K - k)))
         rows.append((f"{coupling.name}.q", 0, 0, *product, True, columns, places, coefficients, powers))
+    # a row that is not kept gives columns of a table without rows their types
+    count = len(rows)
+    rows.append(("", 0, 0, *_RowProduct(), *no_coupling))
     names, *tables = zip(*rows, strict=True)  # a column for each field
-    arrays: Iterator[Any] = map(np.array, tables)
-    return LoopRows(names, *arrays)
+    return LoopRows(names, *map(np.array, tables)).take(np.arange(count))
 
 
 class _RowProduct(NamedTuple):

@@ -142,9 +142,7 @@ class RobotReader:
 
         `is_coupled` says whether the robot has couplings, and so needs no closures.
         """
-        closures = (
-            optional(list_of(self.closure), ()) if is_coupled else required(list_of(self.closure, least=1))
-        )
+        closures = optional(list_of(self.closure), ()) if is_coupled else required(list_of(self.closure))
         return {
             "platform": required(self.platform),
             "actuators": required(list_of(self.actuator, least=1)),

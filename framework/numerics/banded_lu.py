@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -34,15 +35,16 @@ class DenseFactors:
         Raises:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
         """
-        matrices = self.matrices.transpose(0, 2, 1) if transposed else self.matrices
+        # Any, as numpy types solutions as numbers of unknown precision
+        matrices: Any = self.matrices.transpose(0, 2, 1) if transposed else self.matrices
         if not right.size:
             return np.empty(right.shape)
         if right.ndim == 2:
-            return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], dtype=float)
+            return np.linalg.solve(matrices, right[..., None])[..., 0]
         # numpy solves each matrix for all its right-hand sides at once: the columns of (T, k, sides)
         columns = right.reshape(-1, *matrices.shape[:2]).transpose(1, 2, 0)
-        solution = np.asarray(np.linalg.solve(matrices, columns), dtype=float)
-        return solution.transpose(2, 0, 1).reshape(right.shape)  # back to (..., T, k)
+        solution = np.linalg.solve(matrices, columns).transpose(2, 0, 1)
+        return solution.reshape(right.shape)  # back to (..., T, k)
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:

@@ -13,11 +13,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
-from numpy.typing import NDArray
 
 from framework.errors import InvalidInput, check_order, real_numbers
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
@@ -102,6 +100,10 @@ def real_roots(series: Array) -> Array:
     a law through one crossing. Roots that rounding moves off the real axis or beyond an end are accepted. The
     tolerance is SAME_PLACE beyond an end. It is SAME_PLACE^(1/2) off the axis, because rounding splits a
     double root by its square root.
+
+    The colleague matrix is that of T_degree with one column changed: weighted ratios of the lower
+    coefficients to the last one are subtracted. Rows and columns are in reverse order, which reduces rounding
+    errors, as in numpy's `chebroots`.
     """
     sizes = np.abs(series)
     is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
@@ -114,40 +116,21 @@ def real_roots(series: Array) -> Array:
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     if sizes[0] > sizes[1 : degree + 1] @ base ** np.arange(1, degree + 1):
         return np.empty(0)
-    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
+    if degree == 2:  # c_0 + c_1 x + c_2 (2 x^2 - 1) = 0
+        middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
+        product = 0.5 * (series[0] / series[2] - 1.0)
+        half_difference = np.sqrt(complex(middle**2 - product))
+        # the larger root without cancellation, the other one from the product of both
+        larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
+        roots = np.array([larger, product / larger if larger else 0.0])
+    else:
+        weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
+        weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
+        matrix = _colleague_matrix(degree).copy()
+        matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+        roots = np.linalg.eigvals(matrix)
     real = roots[np.abs(roots.imag) <= np.sqrt(SAME_PLACE)].real
     return np.sort(real[np.abs(real) <= 1 + SAME_PLACE].clip(-1.0, 1.0))
-
-
-def _quadratic_roots(series: Array) -> NDArray[Any]:
-    """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
-
-    The larger root is computed without cancellation, the other root from the product of both.
-
-    Args:
-        series: c (3,).
-    """
-    middle = -0.25 * series[1] / series[2]  # half of the sum of the roots
-    product = 0.5 * (series[0] / series[2] - 1.0)
-    half_difference = np.sqrt(complex(middle**2 - product))
-    larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
-    return np.array([larger, product / larger if larger else 0.0])
-
-
-def _all_roots(series: Array) -> NDArray[Any]:
-    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
-
-    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
-    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
-    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
-    """
-    degree = len(series) - 1
-    weights = np.full(degree, 0.5)  # of the recurrence x T_k = (T_(k-1) + T_(k+1)) / 2
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0  # T_0 is scaled, which makes the matrix symmetric
-    ratios = series[:degree] / series[degree]
-    matrix = _colleague_matrix(degree).copy()
-    matrix[:, 0] -= (ratios * weights)[::-1]
-    return np.linalg.eigvals(matrix)
 
 
 @lru_cache(maxsize=64)
@@ -332,19 +315,11 @@ def peak_sizes(function: Callable[[Array], Array], grid: TimeGrid) -> Array:
     for zoom_step in zoom_steps:
         step = zoom_step * spacing
         points = np.clip([middle - step, middle, middle + step], start, end)  # (3, m)
-        sizes = sizes_at(points)
-        np.maximum.at(peaks, component, sizes.max(axis=0))
-        middle = np.clip(middle + step * _parabola_vertex(*sizes), start, end)
+        left, centre, right = sizes_at(points)  # (m,) each
+        np.maximum.at(peaks, component, np.maximum(np.maximum(left, centre), right))
+        # the vertex of the parabola through these sizes at -1, 0, 1; the middle if it has no maximum
+        curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
+        vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(left), where=curvature > 0.0)
+        middle = np.clip(middle + step * np.clip(vertex, -1.0, 1.0), start, end)
     np.maximum.at(peaks, component, sizes_at(middle))
     return peaks
-
-
-def _parabola_vertex(left: Array, centre: Array, right: Array) -> Array:
-    """Return the abscissae (m,) of the maxima of parabolas through values (m,) at -1, 0 and 1.
-
-    The values are `left` at -1, `centre` at 0 and `right` at 1. Abscissae are clipped to [-1, 1]; a parabola
-    without a maximum gives 0.
-    """
-    curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
-    vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
-    return np.clip(vertex, -1.0, 1.0)

@@ -82,22 +82,23 @@ def interruptible() -> Iterator[Heard]:
             return
         number = _signal_of(unraisable.exc_value)
         signal.signal(number, stop)
-        _thread.start_new_thread(repeat, (number,))  # `Thread.start` would wait, and could be interrupted
+        # `Thread.start` would wait, and could be interrupted
+        _thread.start_new_thread(_send_again, (number, threading.get_ident(), has_ended))
 
-    def repeat(number: int) -> None:
-        """Send the signal to the main thread once more, unless the block has ended."""
-        if not ended.wait(SIGNAL_INTERVAL):
-            signal.pthread_kill(main_thread, number)
-
-    main_thread = threading.get_ident()
-    ended = threading.Event()
+    has_ended = threading.Event()  # the block
     with _handle_signals(heeded, stop), warnings.catch_warnings():
         hook, sys.unraisablehook = sys.unraisablehook, raise_lost
         try:
             yield heard
         finally:
             sys.unraisablehook = hook
-            ended.set()
+            has_ended.set()
+
+
+def _send_again(number: int, thread: int, has_ended: threading.Event) -> None:
+    """Send a signal to a thread after SIGNAL_INTERVAL, unless the block has ended by then."""
+    if not has_ended.wait(SIGNAL_INTERVAL):
+        signal.pthread_kill(thread, number)
 
 
 @contextmanager

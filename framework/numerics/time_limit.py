@@ -74,7 +74,8 @@ def report_result(words: str) -> None:
 def end_searches_by_ctrl_c(on_result: Callable[[str], object]) -> Iterator[None]:
     """End the searches of a block at the first Ctrl-C after a result.
 
-    The first Ctrl-C reinstates the previous handler of the signal. So the next one interrupts as usual.
+    The first Ctrl-C moves the time limit of the running search to now, so that its next `check_time` ends it
+    with its result. It also reinstates the previous handler of the signal: the next one interrupts as usual.
 
     Args:
         on_result: called with each result of a search in words; after the first Ctrl-C ends the search.
@@ -83,29 +84,31 @@ def end_searches_by_ctrl_c(on_result: Callable[[str], object]) -> Iterator[None]
         KeyboardInterrupt: Ctrl-C came before a result, or twice, or the result was not proved.
     """
     started = time.monotonic()
-    raise_interrupt = signal.getsignal(signal.SIGINT)
-    if not callable(raise_interrupt) or threading.current_thread() is not threading.main_thread():
+    previous = signal.getsignal(signal.SIGINT)
+    if not callable(previous) or threading.current_thread() is not threading.main_thread():
         yield  # an ignored signal stays ignored, and only the main thread receives signals
         return
 
     def end_search(number: int, frame: FrameType | None) -> None:
-        """End a search with a result by its time limit; else raise KeyboardInterrupt."""
-        signal.signal(number, raise_interrupt)
-        clock = _clock.get()
-        if not clock.has_result:
-            raise_interrupt(number, frame)
-        clock.end = time.monotonic()
-        clock.seconds = round(clock.end - started, 2)
+        """End a search with a result by its time limit; else interrupt as usual."""
+        signal.signal(number, previous)
+        clock = _clock.get()  # of the innermost `limit_time`
+        if clock.has_result:
+            clock.end = time.monotonic()
+            clock.seconds = round(clock.end - started, 2)
+        else:
+            previous(number, frame)
 
     token = _clock.set(SearchTime(math.inf, math.inf, on_result))
     signal.signal(signal.SIGINT, end_search)
     try:
         yield
     except SearchEnded:
-        if signal.getsignal(signal.SIGINT) is end_search:  # no Ctrl-C: a time limit ended the search
-            raise
-        raise KeyboardInterrupt from None
+        is_interrupted = signal.getsignal(signal.SIGINT) is not end_search
+        if is_interrupted:  # else a time limit ended the search
+            raise KeyboardInterrupt from None
+        raise
     finally:
         _clock.reset(token)
         if signal.getsignal(signal.SIGINT) is end_search:  # after Ctrl-C another handler may ignore signals
-            signal.signal(signal.SIGINT, raise_interrupt)
+            signal.signal(signal.SIGINT, previous)

@@ -12,34 +12,16 @@ the coefficients, as in toppra. Only viscous damping and changing deflections co
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
-
 import numpy as np
 
-from framework.dynamics.forces import damping_forces, inertial_forces
-from framework.dynamics.path_forces import PathForces
+from framework.dynamics.forces import damping_forces, inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.motion_rates import motion_at
-from framework.laws.path import time_derivatives
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.numerics.arrays import Array, freeze
 from framework.singularity.points_on_path import Condition8, SingularPoint
 from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
-
-
-class Deflection(NamedTuple):
-    """The deflections and their first two time derivatives at one instant, or at k."""
-
-    value: Array  # (n_e,) [m, rad], or (k, n_e)
-    rate: Array  # (n_e,) [m/s, rad/s]
-    acceleration: Array  # (n_e,) [m/s^2, rad/s^2]
-
-    @staticmethod
-    def evaluate(deflections: Callable[[Any, int], Array], time: float | Array) -> Deflection:
-        """Evaluate deflections(t, order) and two derivatives, each (..., n_e), at a time or times [s]."""
-        return Deflection(*(deflections(time, order) for order in range(3)))
 
 
 def imposed_point(branch: Branch, s: float) -> SingularPoint:
@@ -84,7 +66,7 @@ def require_effect(branch: Branch, crossing: SingularPoint, *, deflected: bool) 
     )
 
 
-def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflection | None) -> Condition8:
+def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Array | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point.
 
     It is t_s . W_p = alpha s" + beta s'^2 + gamma + delta s' = 0. Each coefficient is the power of these
@@ -97,23 +79,40 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
 
     Args:
         crossing: the point at which the condition holds.
-        deflection: deflections at the crossing; None for springs at rest.
+        deflection: (3, n_e) deflections at the crossing and two time derivatives; None for springs at rest.
     """
-    robot = branch.robot
+    robot, path = branch.robot, branch.path
     deflection = deflection if robot.n_e else None
-    pose, eta = crossing.pose, crossing.motion
     s = np.array([crossing.s])
-    forces = PathForces.compute(branch, s, pose)
+    # T motions of the one pose: s' = 1 with springs at rest, then moving springs at s' = 0 and at s' = 1
+    speeds = np.ones((1, 1))  # s' (T, 1)
+    spring_rates = np.empty((0, 1, robot.n_e))
+    if deflection is not None:
+        speeds = np.array([[1.0], [0.0], [1.0]])
+        spring_rates = np.array([[0.0], [1.0], [1.0]]) * deflection[1:, None]  # (2, T, n_e)
+    pose = crossing.pose.select(np.zeros(len(speeds), dtype=np.intp))
+    motion = motion_at(robot, pose, speeds * path(s, 1), speeds**2 * path(s, 2), *spring_rates)
+    rates = motion.v[:1]  # dq/ds (1, nv)
+    inertia = inertial_forces(robot, motion)  # (T, nv)
+    damping = damping_forces(robot, motion.q, motion.v)  # (T, nv)
+    # s" = 1 at rest gives joints the accelerations dq/ds
+    (along_path,) = inertial_forces(robot, Motion(motion.q[:1], np.zeros_like(rates), rates, crossing.pose))
+    wrenches = branch.wrenches.evaluate(robot, crossing.pose.frames, s)
+    (static,) = static_forces(robot, motion.q[:1], wrenches)
+
     # powers (4, nv) of each joint for alpha, beta, gamma and delta
-    powers = eta * np.concatenate([forces.inertial, forces.centrifugal, forces.static, forces.damping])
+    eta = crossing.motion
+    powers = eta * np.array([along_path, inertia[0], static, damping[0]])
     values = powers.sum(axis=1)  # (4,)
 
     # a coefficient that is small against the sum (4,) of the sizes of its terms is rounding
-    largest_rate = np.abs(forces.motion.v / robot.column_scale).max()  # of dq/ds [rad, robot lengths]
+    largest_rate = np.abs(rates / robot.column_scale).max()  # [rad, robot lengths]
     term_sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(powers).sum(axis=1))
     has_effect = abs(values[0]) > NO_HOLD * term_sizes[0]
-    if deflection is not None:  # moving springs add to gamma and delta
-        of_springs = eta * _forces_of_springs(branch, crossing, deflection, forces.centrifugal)  # (2, nv)
+    if deflection is not None:
+        # moving springs add to gamma, and to delta the forces of both motions at once less those of each
+        bilinear = inertia[2] - inertia[0] - inertia[1]
+        of_springs = eta * np.array([inertia[1] + damping[1], bilinear])  # (2, nv)
         values[2:] += of_springs.sum(axis=1)
         term_sizes[2:] += np.abs(of_springs).sum(axis=1)
         # stiff springs add small terms, which are not rounding as long as s" has an effect
@@ -122,30 +121,6 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Deflect
     # where s" has no effect, no motion compensates the others: they count as rounding up to a larger share
     rounding = CONDITION_ROUNDING if has_effect else NO_HOLD
     return Condition8(*np.where(np.abs(values) > rounding * term_sizes, values, 0.0).tolist())
-
-
-def _forces_of_springs(
-    branch: Branch, crossing: SingularPoint, deflection: Deflection, centrifugal: Array
-) -> Array:
-    """Compute the forces (2, nv) that moving springs add, at rest and per s'.
-
-    Those at rest are of inertia and damping. Those per s' are bilinear in s' and the rates of the springs:
-    the inertial forces of both motions at once, less those of each motion alone.
-
-    Args:
-        centrifugal: (1, nv) inertial forces at s' = 1, springs at rest.
-    """
-    robot = branch.robot
-    speeds = np.array([0.0, 1.0])  # s'
-    pose = crossing.pose.select(np.zeros(2, dtype=np.intp))  # the one pose, once a motion
-    _x, dx, ddx = time_derivatives(branch.path, [np.full(2, crossing.s), speeds, np.zeros(2)])
-    rates = np.array([deflection.rate] * 2)
-    accelerations = np.array([deflection.acceleration] * 2)
-    motion = motion_at(robot, pose, dx, ddx, rates, accelerations)
-    at_rest, at_speed = inertial_forces(robot, motion)
-    bilinear = at_speed - centrifugal[0] - at_rest
-    damping = damping_forces(robot, motion.q[:1], motion.v[:1])[0]
-    return np.array([at_rest + damping, bilinear])
 
 
 def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Array:

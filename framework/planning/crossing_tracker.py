@@ -24,7 +24,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.motion_rates import solve_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.planning.condition import Deflection, coefficients_at, require_effect
+from framework.planning.condition import coefficients_at, require_effect
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import least_controlled_motion
@@ -71,7 +71,7 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
     for _ in range(max_iterations):
         last_gap = gap
         pose, gap = _step_loops(robot, pose, branch.path(s), spring_step)
-        spring_step = np.zeros_like(spring_step)  # the first step has made it
+        spring_step = 0.0 * spring_step  # the first step has made it
 
         # a secant step of g; with the border of a pose beside the root it has the sign of det P
         P = type2_matrix(robot, pose)
@@ -156,14 +156,14 @@ class CrossingTracker:
         branch, points = self.branch, self.points
         if not points:
             return []
-        at_crossings = Deflection.evaluate(deflections, self.times)
+        at_crossings = np.array([deflections(self.times, order) for order in range(3)])  # (3, k, n_e)
         if not points[0].is_imposed:
             start = self.tracked or TrackedPoints.from_undeformed(branch, points)
-            self.tracked = track_points(branch, start, at_crossings.value)
+            self.tracked = track_points(branch, start, at_crossings[0])
             points = describe_points(branch, self.tracked)
         self.crossings = []
-        for point, at_crossing in zip(points, zip(*at_crossings, strict=True), strict=True):
-            condition = coefficients_at(branch, point, Deflection(*at_crossing))
+        for k, point in enumerate(points):
+            condition = coefficients_at(branch, point, at_crossings[:, k])
             crossing = replace(point, condition=condition)
             self.crossings.append(require_effect(branch, crossing, deflected=True))
         return self.crossings

@@ -180,7 +180,7 @@ def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
     goal = f"optimize {request.optimize}"
     wish = goal if request.optimize is not None else "a duration left open"
     try:
-        return _plan_optimal(to_cross, request, f"{wish} asks for it; a duration alone gives a polynomial")
+        return _plan_optimal(to_cross, request, f"{wish} asks for it")
     except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
         with limit_time(None):  # the time limit is for the search of the optimal law alone
             plan = _find_polynomial_instead(to_cross, request, refusal)

@@ -281,7 +281,7 @@ class SearchEvidence(NamedTuple):
             for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
                 if peak is not None:
                     # a peak within the limits is refused if it is within the margin that a search leaves free
-                    margin = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
+                    margin = f", and a search stays {LIMIT_MARGIN:.2%} below them" if peak <= 1.0 else ""
                     ratio = _ratio_text(peak)
                     parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
         if self.quickest is not None:

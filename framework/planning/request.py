@@ -8,6 +8,7 @@ compared.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,7 @@ class Request(PlanOptions):
         elif self.duration is None:
             raise InvalidInput("duration: needed, unless optimize time finds the least, or longest bounds it")
 
-    @property
+    @cached_property
     def kind(self) -> str:
         """The kind of law: polynomial, optimal or auto.
 
@@ -167,7 +168,7 @@ class Request(PlanOptions):
             raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
         return self.duration
 
-    @property
+    @cached_property
     def bounded(self) -> bool:
         """Whether motor limits, a margin, a longest duration or a goal are stated."""
         if self.margin > 0 or self.optimize is not None or self.longest is not None:

@@ -25,7 +25,7 @@ from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
 from framework.lazy_names import notebook_picture
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.planning.condition import Deflection, coefficients_at
+from framework.planning.condition import coefficients_at
 from framework.planning.crossing_points import CrossingTime, PathToCross
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
 from framework.planning.motor_use import MotorUse, motor_uses
@@ -308,7 +308,7 @@ def certified_plan(
         if len(crossed) == len(dynamics.crossings):
             condition = crossed[k].condition
         elif condition is not None and request.geometry == "deformed":
-            deflection = Deflection.evaluate(dynamics.deflection, measured.time)
+            deflection = np.array([dynamics.deflection(measured.time, order) for order in range(3)])
             condition = coefficients_at(to_cross.branch, measured, deflection)
         # the motion of the law replaces the measured one, which differs only by rounding
         motion = measured.time, measured.speed, measured.acceleration

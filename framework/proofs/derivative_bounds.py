@@ -186,7 +186,16 @@ class Derivatives(NamedTuple):
         from `hessians` by at most T r. The rounding of values, slopes and `hessians` is added.
         """
         rounding = self.bounds.rounding
-        thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
+        # T r (S, R, k, k), the sum of |d3F / dq_i dq_j dq_l| r_l over the joints l and the terms of F
+        thirds = np.zeros_like(self.hessians)
+        with_units = radii * self.bounds.column_scale  # (S, k) [rad, m]
+        for term in self.bounds.terms:
+            chain = self.bounds.chains[term.ends]
+            bound = _bound_thirds(term, chain, self.chains[term.ends], with_units[:, chain.unknowns])
+            # the joints of the chain are some of the k unknowns: add to all pairs (i, j) of them
+            thirds[:, term.row, chain.unknowns[:, None], chain.unknowns] += bound
+        # terms are in m and rad: divide by the unit of the equation, multiply by the units of q_i and q_j
+        thirds *= ROUND_UP * self.bounds.scale[:, :, None] * self.bounds.column_scale
         H_sizes = np.abs(self.hessians)
         H_sizes += rounding  # |H|
         by_H, by_T = (np.matvec(matrices, radii[:, None]) for matrices in (H_sizes, thirds))  # (S, R, k)
@@ -197,22 +206,6 @@ class Derivatives(NamedTuple):
         return Remainders(
             values=ROUND_UP * value_errors, slopes=ROUND_UP * slope_errors + rounding, hessians=thirds
         )
-
-    def _third_bounds(self, radii: Array) -> Array:
-        """Bound how far second derivatives change over boxes of radii r (S, k) [rad, m].
-
-        The bound (S, R, k, k) of d2F / dq_i dq_j is the sum of |d3F / dq_i dq_j dq_l| r_l over the joints l,
-        and over the terms of its equation. F is dimensionless, and so are q_i and q_j.
-        """
-        bounds = np.zeros_like(self.hessians)  # (S, R, k, k)
-        for term in self.bounds.terms:
-            chain = self.bounds.chains[term.ends]
-            bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.unknowns])
-            # the joints of the chain are some of the k unknowns: add to all pairs (i, j) of them
-            bounds[:, term.row, chain.unknowns[:, None], chain.unknowns] += bound
-        # terms are in m and rad: divide by the unit of the equation, multiply by the units of q_i and q_j
-        bounds *= ROUND_UP * self.bounds.scale[:, :, None] * self.bounds.column_scale
-        return bounds
 
 
 class Remainders(NamedTuple):

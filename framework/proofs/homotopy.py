@@ -27,7 +27,7 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import solve_or_fit
-from framework.proofs.krawczyk import Enclosures, are_apart, choose_chart, enclose_solutions
+from framework.proofs.krawczyk import are_apart, choose_chart, enclose_solutions
 from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import (
     ComplexArray,
@@ -113,18 +113,20 @@ def find_real_solutions(
         if attempts[-1].status != "at least":
             break
 
-    def doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
-        """Return a sort key: whether the status is unproved, lost paths, multiple solutions."""
-        return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
-
-    return min(reversed(attempts), key=doubts)  # the last of equal attempts
+    # fewest doubts: a status without proof, lost paths, multiple solutions; the last of equal attempts
+    return min(
+        reversed(attempts),
+        key=lambda attempt: (attempt.status == "at least", attempt.count.lost, attempt.count.multiple),
+    )
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
     """Track all paths to one system once, and prove the solutions at their ends.
 
     A solution is decided if its enclosure is proved to hold exactly one solution, and either the solution is
-    real or the enclosure contains no real point.
+    real or the enclosure contains no real point. Paths are counted by their ends, those with the same end
+    once. A proved end is at infinity unless its enclosure provably holds no point at infinity. An end without
+    a proof is infinite if the endgame says so, and multiple if it is real.
 
     Args:
         coefficients: (K, M) of the system.
@@ -143,51 +145,30 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
     z[is_real] = z[is_real].real
     is_new = first_occurrences(z / norms[:, None])  # two paths may have ended at one solution
     proof = enclose_solutions(quadrics, group.quadrics_slack(slack), chart, z)
-    count = _count_paths(group, ends, z, is_real, is_new, proof)
+
+    # (S,) each, of the paths that arrived
+    proved = proof.proved
+    is_infinite = ends.infinite[ends.arrived] & ~proved
+    first_member = group.members[0]  # zero at infinity alone
+    is_infinite[proved] = ~_have_no_infinite_point(first_member, z[proved], proof.radii[proved])
+    is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
+    never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
+    count = PathCount(
+        paths=len(ends.z),
+        finite=int(np.sum(is_new & ~is_infinite & ~is_multiple)),
+        infinite=int(np.sum(is_new & is_infinite) + np.sum(never_arrived)),
+        multiple=int(np.sum(is_new & is_multiple) + np.sum(ends.multiple)),
+    )
 
     is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
-    decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
+    decided = np.count_nonzero(proved & (is_real | is_not_real))
     # all paths end at single solutions or at infinity, as many as solutions are possible (`bound`)
     is_complete = count.paths == group.bound and count.finite + count.infinite == group.bound
     status: Status = "numerically complete" if is_complete else "at least"
     if decided == group.bound and are_apart(z, proof.radii):
         status = "proved"
     chosen = is_real & is_new
-    return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
-
-
-def _count_paths(
-    group: Displacements,
-    ends: PathEnds,
-    z: ComplexArray,
-    is_real: BoolArray,
-    is_new: BoolArray,
-    proof: Enclosures,
-) -> PathCount:
-    """Count the paths by their ends; paths with the same end count once.
-
-    A proved end is at infinity unless its enclosure provably holds no point at infinity. An end without a
-    proof is infinite if the endgame says so, and multiple if it is real.
-
-    Args:
-        ends: of all paths, arrived or not.
-        z: (S, N) the ends of the paths that arrived, with their enclosures `proof`.
-        is_real: (S,) whether an end is real.
-        is_new: (S,) whether an end differs from all earlier ones.
-    """
-    proved = proof.proved
-    # (S,) each, of the paths that arrived
-    is_infinite = ends.infinite[ends.arrived] & ~proved
-    first_member = group.members[0]  # zero at infinity alone
-    is_infinite[proved] = ~_have_no_infinite_point(first_member, z[proved], proof.radii[proved])
-    is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
-    never_arrived = first_occurrences(ends.z[ends.infinite & ~ends.arrived])
-    return PathCount(
-        paths=len(ends.z),
-        finite=int(np.sum(is_new & ~is_infinite & ~is_multiple)),
-        infinite=int(np.sum(is_new & is_infinite) + np.sum(never_arrived)),
-        multiple=int(np.sum(is_new & is_multiple) + np.sum(ends.multiple)),
-    )
+    return RealSolutions(*group.to_displacements(z[chosen].real), proved[chosen], count, status)
 
 
 def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:

@@ -176,19 +176,13 @@ def _joints_and_balls(robot: ParallelRobot) -> list[IntArray]:
     hinges = single.difference(robot.actuated.tolist(), np.flatnonzero(robot.sliding).tolist())
     is_hinge = [joint.idx_v in hinges for joint in model.joints]  # passive, by joint
     carries_frame = {model.frames[frame].parentJoint for frame in robot.frames}
-
-    def continues(j: int) -> bool:
-        """Return whether joint j is a hinge through a point of its parent, also a hinge, and nothing else."""
-        parent = parents[j]
-        if parent == 0 or parent != j - 1 or not (is_hinge[j] and is_hinge[parent]):
-            return False
-        is_link_free = parents.count(parent) == 1 and parent not in carries_frame
-        offset = np.linalg.norm(model.jointPlacements[j].translation)
-        return is_link_free and bool(offset <= SAME_PLACE * robot.length)
-
-    chains: list[list[int]] = []  # of joints, each through a point of the one before
+    chains: list[list[int]] = []  # of hinges, each through a point of the one before; or one other joint
     for j in range(1, model.njoints):
-        if continues(j):
+        before = j - 1
+        is_next_hinge = before > 0 and parents[j] == before and is_hinge[j] and is_hinge[before]
+        is_only_child = parents.count(before) == 1 and before not in carries_frame
+        distance = np.linalg.norm(model.jointPlacements[j].translation)  # [m] of both joints
+        if is_next_hinge and is_only_child and distance <= SAME_PLACE * robot.length:
             chains[-1].append(j)
         else:
             chains.append([j])

@@ -154,28 +154,20 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     _, k, joints = J.shape
     if k != joints:
         return False
-    rounding, second_derivative = _bound_equations(robot, q)
+    # bounds by the length L of all links in one line: no joint turns a frame at a larger distance. An
+    # equation is a product of two vectors that turn, with second derivatives of at most 4 L^2 for L >= 1
+    max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
+    row_size = robot.structure.row_sizes.min(initial=1.0)
+    units = np.where(robot.loops.square, robot.length, 1.0)
+    max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
+    second_derivative = (2 * max_length) ** 2 * max_weight / row_size  # dimensionless
+    rounding = FRAME_ROUNDING * max_length / row_size
     inverse_size = np.abs(approximate_inverses(J))
     radius = 2 * np.matvec(inverse_size, np.abs(values) + rounding).max()  # twice the Newton step
     slope_changes = np.full_like(J, second_derivative * k * radius + rounding)  # k joints move by the radius
     equations = LinearEnclosure(values, J, np.full_like(values, rounding))
     proof = prove_existence(equations, slope_changes, np.full_like(values, radius), parameter=None)
     return bool(proof.proved[0])
-
-
-def _bound_equations(robot: ParallelRobot, q: Array) -> tuple[float, float]:
-    """Bound the rounding and the second derivatives of dimensionless loop equations near q (nq,).
-
-    The bounds follow from the length L of all links in one line: no joint turns a frame at a larger distance,
-    and an equation is a product of two vectors that turn. Each such product has second derivatives of at most
-    4 L^2 for L >= 1.
-    """
-    max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
-    row_size = robot.structure.row_sizes.min(initial=1.0)
-    units = np.where(robot.loops.square, robot.length, 1.0)
-    max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    second_derivative = (2 * max_length) ** 2 * max_weight / row_size  # 4 L^2, made dimensionless
-    return FRAME_ROUNDING * max_length / row_size, second_derivative
 
 
 def distinct_rows(points: Array) -> list[int]:

@@ -316,8 +316,19 @@ class SingularBoxTest:
         = 0; there, loops and g narrow the box further and prove arcs. A box with a proved arc that is too
         large is cut across the parameter of the arc.
         """
-        # the loops narrow boxes, and drop those in which they cannot close
-        boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
+        # the loops narrow boxes, and drop those in which they cannot close or that are outside of the window
+        n = self.bounds.robot.n  # the first n equations are those of the platform
+        derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
+        errors = derivatives.remainders(boxes.radii).values
+        loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
+        remaining = contract(loops, boxes.radii, pivoted_inverses(loops.slopes, boxes.radii))
+        possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
+        if self.others is not None:
+            possible &= ~self.are_others_open(boxes)
+        boxes = select(boxes, possible)
+        remaining = select(remaining, possible)
+        loops = select(loops, possible)
+        derivatives = derivatives.take(np.flatnonzero(possible))
 
         # Krawczyk's test proves arcs in boxes that are a little wider, by their radii (S, k)
         wider = self.tested_box_ratio * boxes.radii
@@ -340,26 +351,6 @@ class SingularBoxTest:
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < self.min_size_ratio * self.resolution
         undecided, pending = narrow_or_halve(select(boxes, unfinished), narrow, axis[unfinished], is_small)
         return Examined(arcs, undecided, pending)
-
-    def _drop_unclosable_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
-        """Drop boxes in which the loops cannot close, and boxes outside of the window.
-
-        Returns:
-            The other boxes, the parts of them in which the loops may close, and the derivatives and loop
-            equations in these boxes.
-        """
-        n = self.bounds.robot.n  # the first n equations are those of the platform
-        derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
-        errors = derivatives.remainders(boxes.radii).values
-        loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
-        remaining = contract(loops, boxes.radii, pivoted_inverses(loops.slopes, boxes.radii))
-
-        possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
-        if self.others is not None:
-            possible &= ~self.are_others_open(boxes)
-        boxes = select(boxes, possible)
-        parts = select(remaining, possible)
-        return boxes, parts, derivatives.take(np.flatnonzero(possible)), select(loops, possible)
 
     def are_others_open(self, boxes: Boxes) -> BoolArray:
         """Return whether one of the other loop equations has no root in S boxes, (S,)."""

@@ -36,7 +36,6 @@ from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,
-    LooseMotion,
     describe_jogged_pose,
     drag_platform,
     loose_motion,
@@ -51,6 +50,10 @@ def hand_document(robot: ParallelRobot) -> Document:
     """Return the page's document of a robot at its reference, with sliders."""
     reference = robot.reference
     start = describe_jogged_pose(robot, reference.q)
+    lines = None  # of action of the motors' forces
+    with suppress(NotAssembled):
+        hold = hold_at(robot, reference.q, np.zeros(robot.n))
+        lines = action_lines(robot, hold.motor_speed[None])
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
     # `wrench_kind` is "force along" or "torque about": the second word leads to t_s
@@ -61,7 +64,7 @@ def hand_document(robot: ParallelRobot) -> Document:
             "about": describe_catalogue_entry(robot),
             "push": f"{HELD_WRENCH:g} {wrench_unit(robot)} {wrench_kind(robot).split()[1]} t_s",
             "flat": robot.n == 2,
-            "lines": _has_lines(robot),
+            "lines": lines is not None,
             "no_figure": why_no_figure(robot) if len(robot.passive) else "",
             "drag": len(robot.platform.sliding) > 0,
             "poses": encode_floats(poses),
@@ -124,15 +127,6 @@ def _describe_pose(pose: JoggedPose) -> str:
     return f"Near a {name}. There {meaning}." if is_near else f"On a {name}. Here {meaning}."
 
 
-def _has_lines(robot: ParallelRobot) -> bool:
-    """Return whether each motor's force has a line of action."""
-    try:
-        hold = hold_at(robot, robot.reference.q, np.zeros(robot.n))
-    except NotAssembled:
-        return False
-    return action_lines(robot, hold.motor_speed[None]) is not None
-
-
 def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """Return the motors' torques against a push along t_s, their forces, and lines of action.
 
@@ -166,19 +160,12 @@ def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
         return None
     poses = joint_poses(robot, loose.q)
     places = platform_positions(robot, poses)
-    words = {"count": len(places), "words": _describe_wobble(robot, loose)}
-    return encode_each(poses=poses, places=places) | words
-
-
-def _describe_wobble(robot: ParallelRobot, loose: LooseMotion) -> str:
-    """Describe how far the platform moves while the motors hardly move."""
     slides = robot.sliding[robot.actuated]
-    platform = _list_motions(loose.shift, loose.turn)
-    motors = _list_motions(loose.motors[slides].max(initial=0.0), loose.motors[~slides].max(initial=0.0))
-    return (
-        f"It wobbles: {' with '.join(platform)} of the platform to either side take no more than "
-        f"{' or '.join(motors)} of a motor."
-    )
+    platform = " with ".join(_list_motions(loose.shift, loose.turn))
+    largest = loose.motors[slides].max(initial=0.0), loose.motors[~slides].max(initial=0.0)
+    motors = " or ".join(_list_motions(*largest))
+    words = f"It wobbles: {platform} of the platform to either side take no more than {motors} of a motor."
+    return encode_each(poses=poses, places=places) | {"count": len(places), "words": words}
 
 
 def _list_motions(shift: float, turn: float) -> list[str]:

@@ -152,16 +152,25 @@ def _plot_stroke(workspace: WorkspaceMap, quantity: Quantity, path: Path | None)
     else:
         line, _ = path_on_map(workspace, path)
         ax.axvspan(line.min(), line.max(), ymax=0.03, color=PATH, label="path")
-    unit = quantity_unit(robot, quantity)
     ax.set(xlim=(lower, upper), xlabel=f"{robot.axis_names[0]}  [{robot.axis_units[0]}]")
-    label = f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)")
-    ax.set_ylabel(fill(label, LETTERS // 2))
+    ax.set_ylabel(fill(_quantity_label(workspace, quantity), LETTERS // 2))
+    _set_heading(ax, workspace, quantity)
+    ax.figure.legend(loc="outside lower left", ncols=2)
+    return ax
+
+
+def _quantity_label(workspace: WorkspaceMap, quantity: Quantity) -> str:
+    """Return the name of a quantity with its unit."""
+    unit = quantity_unit(workspace.robot, quantity)
+    return f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)")
+
+
+def _set_heading(ax: Axes, workspace: WorkspaceMap, quantity: Quantity) -> None:
+    """Write what a quantity is, and the title of the map, above a figure."""
     heading = [fill(line, LETTERS) for line in (quantity.name, map_title(workspace))]
     drawing = ax.figure
     assert isinstance(drawing, Figure)
     drawing.suptitle("\n".join(heading), fontsize=8, x=0.02, ha="left")
-    drawing.legend(loc="outside lower left", ncols=2)
-    return ax
 
 
 def _draw_cells(workspace: WorkspaceMap, values: np.ma.MaskedArray, ax: Axes, **colours: Any) -> QuadMesh:
@@ -182,8 +191,7 @@ def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
     extend = ("both" if above else "min") if below else ("max" if above else "neither")
     width = 0.04 * max(1.0, ax.get_box_aspect() or 1.0)  # over the width of the window
     bar = ax.figure.colorbar(mesh, cax=ax.inset_axes((1.0 + width, 0.0, width, 1.0)), extend=extend)
-    unit = quantity_unit(workspace.robot, quantity)
-    bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
+    bar.set_label(_quantity_label(workspace, quantity))
 
 
 def _draw_softest(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:
@@ -273,8 +281,7 @@ def _make_axes(workspace: WorkspaceMap, quantity: Quantity) -> Axes:
     xlim, ylim = _window_edges(workspace)
     xlabel, ylabel = (f"{robot.axis_names[k]}  [{robot.axis_units[k]}]" for k in axes)
     ax.set(xlim=xlim, ylim=ylim, xlabel=xlabel, ylabel=ylabel)
-    heading = [fill(line, LETTERS) for line in (quantity.name, map_title(workspace))]
-    drawing.suptitle("\n".join(heading), fontsize=8, x=0.02, ha="left")
+    _set_heading(ax, workspace, quantity)
     return ax
 
 
@@ -343,10 +350,8 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     window = workspace.window
     unexplained = workspace.locus.unexplained  # points at which g changes its sign without a curve
     kinds = {curve.is_type2 for curve in workspace.locus.curves}
-    curves = [
-        _curve_document(curve.x, LOCUS, width=2.0, dash=[] if curve.is_type2 else [2, 3])
-        for curve in workspace.locus.curves
-    ]
+    # points, colour, width and dashes of each line
+    lines = [(curve.x, LOCUS, 2.0, [] if curve.is_type2 else [2, 3]) for curve in workspace.locus.curves]
     # text, colour, whether an area
     legend = [(text, LOCUS, False) for kind, text in ((True, TYPE_2), (False, OF_LOOPS)) if kind in kinds]
     if len(unexplained):
@@ -355,7 +360,7 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     if path is None:
         legend.append((f"dot: the reference{projected}", "var(--twist)", False))
     else:
-        curves.append(_curve_document(line, PATH, width=2.5, dash=[7, 4]))
+        lines.append((line, PATH, 2.5, [7, 4]))
         legend.append((f"path, from the dot on{projected}", PATH, False))
     if workspace.load is not None:
         lost = int(workspace.reached.sum()) - workspace.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
@@ -375,9 +380,12 @@ def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
         "load": None if workspace.load is None else encode_array(workspace.load),
         "loads": [LOAD_WORDS[kind] for kind in LoadReason],
-        "unreached": _rgb_values(UNREACHED),
-        "not_carried": _rgb_values(NOT_CARRIED),
-        "curves": curves,
+        "unreached": list(bytes.fromhex(UNREACHED[1:])),  # red, green and blue of #rrggbb
+        "not_carried": list(bytes.fromhex(NOT_CARRIED[1:])),
+        "curves": [
+            {"points": np.round(points, 9), "colour": colour, "width": width, "dash": dash}
+            for points, colour, width, dash in lines
+        ],
         "marks": [np.round(line[0], 9)],
         "crosses": np.round(unexplained, 9),
         "legend": legend,
@@ -399,16 +407,6 @@ def _quantity_document(workspace: WorkspaceMap, quantity: Quantity) -> Document:
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],
         "colours": np.round(255 * shades).astype(int),
     }
-
-
-def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -> Document:
-    """Return a curve (m, 2) for the page, with colour, width and dashes."""
-    return {"points": np.round(points, 9), "colour": colour, "width": width, "dash": dash}
-
-
-def _rgb_values(colour: str) -> list[int]:
-    """Return red, green and blue (0..255) of a colour #rrggbb."""
-    return list(bytes.fromhex(colour[1:]))
 
 
 # ------------------------------------------------------------------ the singular locus alone

@@ -216,7 +216,7 @@ def plot_phase_plane(
     upper, lower = axes
     upper.set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel="$s′$  [1/s]")
     lower.set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel="$s″$  [1/s$^2$]")
-    lower.set_xlabel("path coordinate  $s$")
+    lower.set_xlabel("path coordinate  $s$" + "  (dashed: singular)" * bool(plan.crossings))
     legend_above(upper, columns=2)
     return axes
 
@@ -363,7 +363,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     draw_dashed(ax, s_singular, LOCUS, linewidth=0.8)
     ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
     kind, unit = ("force along", "N") if np.any(twist[first.robot.translations]) else ("torque about", "N m")
-    ax.set(xlabel="position on the path  $s$  (dashed: singular)")
+    ax.set(xlabel="path coordinate  $s$  (dashed: singular)")
     ax.set_ylabel(rf"{kind} $\mathbf{{t}}_s$  [{unit}]")
     legend_above(ax)
     return ax

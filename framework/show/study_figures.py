@@ -37,6 +37,9 @@ def plot_study(study: DesignStudy) -> Axes:
     """
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]
+    # marks are areas or, with lines from the least to the largest value, medians
+    marked = {key: key if key in AREAS else f"{key}_median" for key in rows}
+    units = {key: study.units[column].replace("^2", "\u00b2") for key, column in marked.items()}
     size = (CELL_SIZE * len(parameters) + 1.6, CELL_SIZE * len(rows) + 0.4)
     drawing = Figure(figsize=size, layout="constrained")
     axes = drawing.subplots(len(rows), len(parameters), sharex="col", sharey="row", squeeze=False)
@@ -45,8 +48,7 @@ def plot_study(study: DesignStudy) -> Axes:
     norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
     for row, key in zip(axes, rows, strict=True):
         for ax, values in zip(row, parameters.values(), strict=True):
-            # marks are areas or, with lines from the least to the largest value, medians
-            middle = study.columns[key if key in AREAS else f"{key}_median"]
+            middle = study.columns[marked[key]]
             if key not in AREAS:
                 least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
                 ax.vlines(values, least, largest, color=AXIS, linewidth=0.8)
@@ -54,7 +56,7 @@ def plot_study(study: DesignStudy) -> Axes:
                     ax.set_yscale("log")
             marks = ax.scatter(values, middle, s=12, zorder=3, c=colours, cmap=PALETTE, norm=norm)
         name = AREAS[key] if key in AREAS else QUANTITIES[key].name
-        row[0].set_ylabel("\n".join([*wrap(name, 24), f"[{_row_unit(study, key)}]"]))
+        row[0].set_ylabel("\n".join([*wrap(name, 24), f"[{units[key]}]"]))
     refused = np.array(study.why) != ""
     for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)
@@ -63,17 +65,12 @@ def plot_study(study: DesignStudy) -> Axes:
         whole = ax.get_xaxis_transform()
         ax.plot(crosses, height, "x", color=ALARM, markersize=4, transform=whole, clip_on=False)
     bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
-    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_row_unit(study, COLORING_QUANTITY)}]")
+    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{units[COLORING_QUANTITY]}]")
     refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
     heading = f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
     drawing.suptitle(heading, fontsize=8, x=0.02, ha="left")
     first: Axes = axes[0, 0]
     return first
-
-
-def _row_unit(study: DesignStudy, key: str) -> str:
-    """Return the unit of a quantity or area."""
-    return study.units[key if key in AREAS else f"{key}_median"].replace("^2", "\u00b2")
 
 
 def plot_fidelity(study: FidelityStudy) -> Axes:
@@ -94,7 +91,7 @@ def plot_fidelity(study: FidelityStudy) -> Axes:
         ax.axhline(study.tolerance, color=ALARM, linewidth=0.8, label=f"tolerance {study.tolerance:.2g}")
         for crossing in study.highest.crossings:
             draw_dashed(ax, crossing.s)
-    axes[-1].set_xlabel("path coordinate  $s$")
+    axes[-1].set_xlabel("path coordinate  $s$" + "  (dashed: singular)" * bool(study.highest.crossings))
     legend_above(axes[0], columns=2)
     return axes[0]
 

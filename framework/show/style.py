@@ -168,14 +168,23 @@ def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> li
 class ColumnLayout(LayoutEngine):
     """Fit a column of axes, equally high, with their labels between title and legend of a figure.
 
-    All text is measured once. Constrained layout measures it twice, which takes longer than drawing it.
+    All text is measured once, and again if its place changes the ticks. Constrained layout always measures it
+    twice, which takes longer than drawing it.
     """
 
     _adjust_compatible = False
     _colorbar_gridspec = False
 
     def execute(self, fig: Figure) -> None:
-        """Place the axes of a figure; twins share a row."""
+        """Place the axes of a figure, once more if their new heights change the ticks."""
+        for _ in range(2):
+            ticks = [ax.get_yticks().tolist() for ax in fig.axes]
+            self._place_axes(fig)
+            if [ax.get_yticks().tolist() for ax in fig.axes] == ticks:
+                break
+
+    def _place_axes(self, fig: Figure) -> None:
+        """Place the axes of a figure by the text around them; twins share a row."""
         renderer = fig._get_renderer()  # type: ignore[attr-defined]
         pad = LAYOUT_PAD * fig.dpi / 72  # [pixels], as all lengths below
         # of each row, from the top down, text around the frames of its axes: left, right, below, above

@@ -42,7 +42,7 @@ def plot_inertia(result: LinkageTransmission) -> Axes:
         line = _line(result, k)
         for j, (part, label) in enumerate(PARTS.items()):
             ax.semilogy(result.x[line, k], getattr(result, part)[line, k, k], label=label, **line_style(j))
-        ax.set_xlabel(f"{display_name(name)} [{result.robot.axis_units[k]}]")
+        ax.set_xlabel(_axis_labels(result)[k])
         unit = "kg" if result.robot.translations[k] else "kg m²"
         ax.set_ylabel(f"inertia along {display_name(name)} [{unit}]")
     legend_above(panels[0])
@@ -65,10 +65,16 @@ def plot_limits(result: LinkageTransmission) -> Axes:
                 both[0].set_label(display_name(name))
             if kind == "speeds":  # without bound where the motors lose the platform: logarithmic above
                 ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(np.median(np.abs(ends)))))
-            ax.set_xlabel("along the axis [rad, m]")
+            ax.set_xlabel(", ".join(_axis_labels(result)))
             ax.set_ylabel(f"{word} [{_units(result, kind)}]")
             legend_above(ax)
     return panels[0]
+
+
+def _axis_labels(result: LinkageTransmission) -> list[str]:
+    """Return the name and the unit of each axis of the platform."""
+    units = zip(result.robot.axis_names, result.robot.axis_units, strict=True)
+    return [f"{display_name(name)} [{unit}]" for name, unit in units]
 
 
 def _units(result: LinkageTransmission, kind: str) -> str:
@@ -79,16 +85,18 @@ def _units(result: LinkageTransmission, kind: str) -> str:
 
 def _draw_polygons(result: LinkageTransmission, ax: Axes, kind: str) -> None:
     """Draw the polygons of the posture and of both ends of both axes."""
-    lines = [_line(result, k) for k in (0, 1)]
-    posture = int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))
-    shown = dict.fromkeys([posture, *(int(line[end]) for line in lines for end in (0, -1))])
-    for k, pose in enumerate(list(shown)[:SHOWN_POSTURES]):
-        vertices = getattr(result.limits[pose], kind).vertices
-        middle = vertices - vertices.mean(axis=0)
-        order = np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))
-        corners = vertices[np.append(order, order[0])]
+    units = ", ".join(dict.fromkeys(result.robot.axis_units))
+    poses = [int(np.argmin(np.abs(result.x - result.posture).sum(axis=1)))]  # the posture's, then the ends'
+    for axis in (0, 1):
+        line = _line(result, axis)
+        poses += [int(line[0]), int(line[-1])]
+    for k, pose in enumerate([*dict.fromkeys(poses)][:SHOWN_POSTURES]):
+        vertices = getattr(result.limits[pose], kind).vertices  # (v, 2), in any order
+        arms = vertices - vertices.mean(axis=0)
+        around = np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))  # corners of a convex polygon, by their angle
+        corners = vertices[np.append(around, around[0])]
         place = ", ".join(f"{value:.2g}" for value in result.x[pose])
-        ax.plot(corners[:, 0], corners[:, 1], label=f"at {place}", **line_style(k))
+        ax.plot(corners[:, 0], corners[:, 1], label=f"at {place} {units}", **line_style(k))
     word = "torque" if kind == "wrenches" else "speed"
     names = [f"{word} of {display_name(name)} [{_units(result, kind)}]" for name in result.robot.axis_names]
     ax.set(xlabel=names[0], ylabel=names[1])

@@ -120,8 +120,8 @@ def plot_vibrations(plan: CrossingPlan) -> Axes:
     ax.grid(visible=False)
     unit = "m" if plan.robot.translations.any() else "rad"
     drawing.colorbar(mesh, ax=ax, label=f"acceleration per torque  [{unit}/s²/(N m)]", location="bottom")
-    singular = ", dashed: singular" if plan.crossings else ""
-    ax.set(xlabel=f"position on the path  $s${singular}", ylabel="frequency, motors free  [Hz]")
+    singular = "  (dashed: singular)" if plan.crossings else ""
+    ax.set(xlabel=f"path coordinate  $s${singular}", ylabel="frequency, motors free  [Hz]")
     for crossing in plan.crossings:
         for axes in (top, ax):
             draw_dashed(axes, crossing.s, ALARM if axes is ax else CROSSING)

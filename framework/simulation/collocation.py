@@ -288,6 +288,11 @@ class StepEquations:
     def _solution(self, a: Array, multipliers: Array, balance: _Balance, iterations: int) -> CollocationStep:
         """Return the solution of the step, with the power [W] and the estimate of the unresolved part.
 
+        The estimate is the first Legendre coefficient of the tangent offset that the step leaves out. It is
+        extrapolated from those of the offset's rate: from the largest of the last pair, by its ratio to the
+        largest of the previous pair. Pairs are compared because every other coefficient of an even or odd
+        motion vanishes.
+
         Args:
             a, multipliers: accelerations (s, nv) and multipliers (s, m) at the nodes.
             balance: the equations at the last iterate but one.
@@ -295,6 +300,10 @@ class StepEquations:
         robot = self.equations.robot
         q, v, offset_rate = self._integrate_to_nodes(a, balance.offset_rate)
         drives = self.equations.motor_forces(balance.torque) + self.drive.world(robot, self.times, q, v)
+        magnitudes = np.abs(self.table.to_series @ offset_rate) / robot.column_scale  # (s, nv)
+        last = float(magnitudes[-2:].max())
+        previous = float(magnitudes[-4:-2].max(initial=0.0))
+        first_omitted = last * min(1.0, last / max(previous, LEAST_DIVISOR))  # of the offset's rate
         return CollocationStep(
             table=self.table,
             time=self.time,
@@ -308,23 +317,9 @@ class StepEquations:
             offset_rate=offset_rate,
             power=np.vecdot(drives, v),
             iterations=iterations,
-            unresolved=self._unresolved_part(offset_rate),
+            # integration over the step divides the coefficient of P_s by about 2 s
+            unresolved=self.length * first_omitted / (2 * self.table.stages),
         )
-
-    def _unresolved_part(self, offset_rate: Array) -> float:
-        """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
-
-        The coefficient is that of the tangent offset. It is extrapolated from those of the
-        `offset_rate` (s, nv): from the largest of the last pair, by its ratio to the largest of the previous
-        pair. Pairs are compared because every other coefficient of an even or odd motion vanishes.
-        """
-        magnitudes = np.abs(self.table.to_series @ offset_rate) / self.equations.robot.column_scale  # (s, nv)
-        last = float(magnitudes[-2:].max())
-        previous = float(magnitudes[-4:-2].max(initial=0.0))
-        decay = min(1.0, last / max(previous, LEAST_DIVISOR))
-        first_omitted = last * decay  # of the offset's rate
-        # integration over the step divides the coefficient of P_s by about 2 s
-        return self.length * first_omitted / (2 * self.table.stages)
 
 
 @dataclass(frozen=True, eq=False)

@@ -193,34 +193,20 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     stiffest = (np.diag(stiffness) * robot.column_scale**2).max(initial=0.0)  # [N m]
     rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
     if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
-        softest = np.linalg.eigh(springs).eigenvectors[:, 0]  # (k,)
-        raise _undetermined_motion_error(equations, light @ softest)
+        softest = light @ np.linalg.eigh(springs).eigenvectors[:, 0]  # (nv,) joint rates
+        sizes = np.abs(softest / robot.column_scale)  # [rad, robot lengths]
+        # the four joints that move most; nearly all joints move a little
+        moving = [k for k in np.argsort(-sizes)[:4] if sizes[k] > 0.1 * sizes.max()]
+        raise InvalidInput(
+            f"{robot.name}, {robot.flexibility}: a motion of "
+            f"{', '.join(map(robot.coordinates.name_of, moving))} has neither mass nor stiffness, so its "
+            f"acceleration is undetermined; give these links an <inertial>, the rotor an inertia, or a spring"
+        )
     if np.linalg.eigvalsh(springs)[0] <= rounding:  # damping alone
         return np.zeros(light.shape[1])
 
     slope = springs - light.T @ curvature @ light  # (k, k) of the residual along the motions
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
-
-
-def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
-    """Return the error for a motion whose acceleration no mass and no spring determines.
-
-    The message names the four joints that move most, without those that move less than a tenth of the first,
-    because nearly all joints move a little.
-
-    Args:
-        rates: joint rates (nv,) of the motion.
-    """
-    robot = equations.robot
-    sizes = np.abs(rates) / robot.column_scale  # of the joint motions [rad, robot lengths]
-    most_first = np.argsort(-sizes)
-    moving = [int(k) for k in most_first if sizes[k] > 0.1 * sizes.max()]
-    joints = [robot.coordinates.name_of(k) for k in moving[:4]]
-    return InvalidInput(
-        f"{robot.name}, {robot.flexibility}: a motion of {', '.join(joints)} has "
-        f"neither mass nor stiffness, so its acceleration is undetermined; give these links an "
-        f"<inertial>, the rotor an inertia, or a spring"
-    )
 
 
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
@@ -276,11 +262,22 @@ def accelerations(
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, R)
     force = equations.motor_forces(torque) + applied - tangent.force  # (T, nv) without the loop forces
-    for k in np.flatnonzero(light.any(axis=1)).tolist():
-        row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
+    robot = equations.robot
+    for k in np.flatnonzero(light.any(axis=1)).tolist():  # parts without mass must be in balance
+        massless = Z[k][:, light[k]]  # (nv, k)
+        step = massless @ balancing_step(equations, equations.tangent_at_rest(q[k]), massless, -force[k])
+        distances = np.abs(step / robot.column_scale)
+        worst = int(np.argmax(distances))
+        if distances[worst] > SPRINGS_BALANCED:
+            row = f", row {k}" if len(q) > 1 else ""
+            raise InvalidInput(
+                f"q{row}: {robot.coordinates.name_of(worst)} of {robot.name}, {robot.flexibility}, has no "
+                f"mass and is {distances[worst]:.3g} rad or robot lengths from where its springs balance "
+                f"these torques: its acceleration would be infinite; `Stepper.start` gives the state next to "
+                f"this one"
+            )
 
-    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v), q, v)
+    drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v), q, v)
     a = -matvec(closing, drift)  # a_0, (T, nv)
 
     # Solve Z' M Z alpha = Z' (force - M a_0). For motions without mass the equation is alpha = 0: their rows
@@ -293,24 +290,4 @@ def accelerations(
     a += matvec(Z, alpha)
 
     light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
-    return Accelerations(a, undetermined=light_rates / equations.robot.column_scale > RANK_ROUNDING)
-
-
-def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
-    """Refuse q (nq,) unless `force` (nv,) is in balance along massless motions `light` (nv, k).
-
-    `row` names the row of q in the message; it is empty for a single state.
-
-    Raises:
-        InvalidInput: the forces do not balance.
-    """
-    robot = equations.robot
-    step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
-    distances = np.abs(step / robot.column_scale)
-    worst = int(np.argmax(distances))
-    if distances[worst] > SPRINGS_BALANCED:
-        raise InvalidInput(
-            f"q{row}: {robot.coordinates.name_of(worst)} of {robot.name}, {robot.flexibility}, has no mass "
-            f"and is {distances[worst]:.3g} rad or robot lengths from where its springs balance these "
-            f"torques: its acceleration would be infinite; `Stepper.start` gives the state next to this one"
-        )
+    return Accelerations(a, undetermined=light_rates / robot.column_scale > RANK_ROUNDING)

@@ -27,7 +27,7 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path parameters s (T,)
+PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path coordinates s (T,)
 
 
 # ------------------------------------------------------------------ external wrenches
@@ -88,7 +88,7 @@ class WorldForces:
         """Return the forces of external wrenches on a robot.
 
         Args:
-            path_coordinate: path parameter s (T,) at instants (T,) [s]; None without a planned motion.
+            path_coordinate: path coordinate s (T,) at instants (T,) [s]; None without a planned motion.
 
         Raises:
             InvalidInput: a wrench acts on an unknown frame, or is a table over s and there is no motion that

@@ -18,7 +18,7 @@ from framework.simulation.collocation import CollocationStep
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, State, stack_states
 from framework.simulation.step_size_control import collocate
-from framework.simulation.stepper import Stepper
+from framework.simulation.stepper import Stepper, choose_scheme
 from framework.simulation.trajectory import Cubics, Event, Occurrence, Polynomials, Trajectory, occurrences
 from framework.tolerances import FIXED_STEP_ERROR, SAME_PLACE
 
@@ -66,9 +66,8 @@ class RunRecord:
 
 
 class Integration(NamedTuple):
-    """The result of a method."""
+    """The motion that a method computes."""
 
-    record: RunRecord
     trajectory: Trajectory
     unresolved: float  # see `Simulation`
     iterations: int  # of Newton's method; of fixed steps, their number
@@ -98,7 +97,7 @@ def integrate_by_collocation(
             break
     unresolved = max(step.unresolved for step in steps)
     iterations = sum(step.iterations for step in steps)
-    return Integration(record, Polynomials(robot, tuple(steps)), unresolved, iterations)
+    return Integration(Polynomials(robot, tuple(steps)), unresolved, iterations)
 
 
 def integrate_by_fixed_steps(
@@ -129,7 +128,7 @@ def integrate_by_fixed_steps(
             name=robot.name,
             residual=error,
         )
-    return Integration(record, trajectory, error, len(trajectory.q) - 1)
+    return Integration(trajectory, error, len(trajectory.q) - 1)
 
 
 def _take_fixed_steps(
@@ -145,7 +144,7 @@ def _take_fixed_steps(
         NotConverged: the motion diverges.
     """
     robot = equations.robot
-    stepper = Stepper.from_equations(equations)
+    stepper = Stepper((equations,), choose_scheme(equations))
     h = record.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a); None with feedback

@@ -51,7 +51,6 @@ from framework.simulation.drive import Drive, ForceFunction, PlannedMotion, plan
 from framework.simulation.equations import EquationsOfMotion, State
 from framework.simulation.methods import (
     METHODS,
-    Integration,
     MethodSettings,
     RunRecord,
     integrate_by_collocation,
@@ -149,62 +148,7 @@ class Simulation(ReadOnlyArrays):
         )
 
 
-def simulation_result(
-    equations: EquationsOfMotion,
-    method: str,
-    run: Integration,
-    planned: PlannedMotion | None,
-    *,
-    samples: int,
-    seconds: float,
-) -> Simulation:
-    """Return the result of a run, with states at equidistant instants and errors.
-
-    A terminal event ends the result within a step. Errors of loops and energy include the end of this step,
-    although it is later.
-
-    Args:
-        planned: the planned motion with which the run is compared, if any.
-        samples: number of equidistant instants; fixed steps are reported at their ends instead.
-        seconds: computing time [s].
-    """
-    robot = equations.robot
-    trajectory = run.trajectory
-    edges = trajectory.edges  # (steps + 1,) [s] instants at which steps begin and end
-    occurrences = tuple(run.record.occurred)
-    end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
-
-    if isinstance(trajectory, Cubics):  # the interpolant of methods with fixed steps
-        times = np.append(edges[edges < end], end)
-    else:
-        times = np.linspace(edges[0], end, samples)
-    q, v = trajectory(times)
-    edge_q, edge_v = trajectory(edges)  # at the ends of all steps
-
-    tracking = turning = frame_error = None
-    if planned is not None:
-        tracking, turning, frame_error = _tracking_errors(robot, planned, times, q)
-    return Simulation(
-        robot=robot,
-        method=method,
-        times=times,
-        q=q,
-        v=v,
-        tracking_error=tracking,
-        turning_error=turning,
-        frame_error=frame_error,
-        closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_q)),
-        energy_error=_energy_error(equations, run, edge_q, edge_v),
-        unresolved=run.unresolved,
-        steps=len(edges) - 1,
-        iterations=run.iterations,
-        seconds=seconds,
-        occurrences=occurrences,
-        trajectory=trajectory,
-    )
-
-
-def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
+def _energy_error(equations: EquationsOfMotion, record: RunRecord, edges: Array, q: Array, v: Array) -> float:
     """Compute the `energy_error` of a `Simulation`.
 
     The error is divided by the largest of the work exchanged, the range of the energy, and the kinetic
@@ -212,19 +156,19 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     accelerates it over its length in the duration.
 
     Args:
-        q, v: states (K + 1, nq) and (K + 1, nv) at the ends of all steps.
+        edges: (K + 1,) [s] ends of all steps.
+        q, v: states (K + 1, nq) and (K + 1, nv) there.
     """
     robot = equations.robot
     energy = equations.energy(q, v)  # (K + 1,)
-    error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
+    error = np.abs(energy - energy[0] - np.array(record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
 
     # the divisor: the energy exchanged, at least the rounding of a typical work
     gravity = np.linalg.norm(robot.model.gravity.linear)
-    duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
-    acceleration = gravity + robot.length / duration**2
+    acceleration = gravity + robot.length / (edges[-1] - edges[0]) ** 2
     rounding = np.finfo(float).eps * robot.mass * acceleration * robot.length
-    exchanged = max(run.record.exchanged, np.ptp(energy), kinetic.max(), rounding)
+    exchanged = max(record.exchanged, np.ptp(energy), kinetic.max(), rounding)
     return float(error / exchanged) if exchanged > 0 else 0.0
 
 
@@ -350,8 +294,38 @@ def simulate(
     state = _consistent_start(equations, complete_drive, planned, start, start_velocity)
     integrate = integrate_by_collocation if settings.stages else integrate_by_fixed_steps
     run = integrate(equations, complete_drive, state, record, settings)
-    return simulation_result(
-        equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
+
+    # the result: a terminal event ends it within a step, but the errors of loops and energy are those of the
+    # whole step
+    trajectory = run.trajectory
+    edges = trajectory.edges  # (steps + 1,) [s] instants at which steps begin and end
+    end = min([edges[-1], *(event.time for event in record.occurred if event.terminal)])
+    if isinstance(trajectory, Cubics):  # the interpolant of methods with fixed steps
+        times = np.append(edges[edges < end], end)
+    else:
+        times = np.linspace(edges[0], end, samples)
+    q, v = trajectory(times)
+    edge_q, edge_v = trajectory(edges)
+    tracking = turning = frame_error = None
+    if planned is not None:
+        tracking, turning, frame_error = _tracking_errors(robot, planned, times, q)
+    return Simulation(
+        robot=robot,
+        method=method,
+        times=times,
+        q=q,
+        v=v,
+        tracking_error=tracking,
+        turning_error=turning,
+        frame_error=frame_error,
+        closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_q)),
+        energy_error=_energy_error(equations, record, edges, edge_q, edge_v),
+        unresolved=run.unresolved,
+        steps=len(edges) - 1,
+        iterations=run.iterations,
+        seconds=clock.perf_counter() - began,
+        occurrences=tuple(record.occurred),
+        trajectory=trajectory,
     )
 
 

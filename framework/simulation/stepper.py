@@ -126,12 +126,7 @@ class Stepper:
             )
             for robot, added in zip(robots, added_damping, strict=True)
         ]
-        return Stepper(tuple(equations), _choose_scheme(template, scheme))
-
-    @staticmethod
-    def from_equations(equations: EquationsOfMotion) -> Stepper:
-        """Make a stepper of one robot, with the damping of its equations of motion."""
-        return Stepper((equations,), _choose_scheme(equations, scheme=None))
+        return Stepper(tuple(equations), choose_scheme(template, scheme))
 
     @property
     def robot(self) -> ParallelRobot:
@@ -422,7 +417,7 @@ class Stepper:
         return frames, bias, closure_drift(self.equations[0].rows, motions, q, v)
 
 
-def _choose_scheme(equations: EquationsOfMotion, scheme: str | None) -> str:
+def choose_scheme(equations: EquationsOfMotion, scheme: str | None = None) -> str:
     """Return the scheme, by default extrapolated if a motion moves no mass, else midpoint.
 
     Raises:

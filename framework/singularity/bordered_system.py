@@ -85,7 +85,7 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     n, size = border.b.shape[-2:]
     bordered = append_border(matrices, border)
     unit = np.zeros((len(matrices), n + size, size))
-    unit[:, n:] = np.eye(size)
+    unit[:, range(n, n + size), range(size)] = 1.0
     # The system is singular if M has more null vectors than the border has columns. Least squares still
     # returns a solution then, and its G is singular.
     solution = solve_or_fit(bordered, unit)

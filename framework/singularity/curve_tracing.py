@@ -15,6 +15,7 @@ offsets from them are those of u.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, SupportsIndex
@@ -38,7 +39,7 @@ from framework.numerics.ordered_sums import solve
 from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient
-from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
+from framework.tolerances import NEWTON_STEP, RANK_LOST, RANK_ROUNDING
 
 # A point is on a curve if its distance from a chord is at most this share of the chord's length. A step in
 # which the tangent turns by MAX_TANGENT_TURN gives 0.02.
@@ -52,6 +53,8 @@ class Evaluated(NamedTuple):
 
     values: Array  # F (S, k - 1), dimensionless: m loop equations, offsets of the fixed freedoms, then g
     slopes: Array  # dF/du (S, k - 1, k)
+    largest: Array  # (S,) largest entry of the bordered block G
+    weights: Array  # (S, size^2) of the entries of G in the last equation
     P: Array  # (S, m, m) passive columns of the loop equations, dimensionless; singular on the locus
     eta: Array  # (S, m) passive rates closest to a motion that locked motors do not hold, c' eta = 1
     bases: Array  # (S, R, m) of the ranges of the loops' rows, to which P refers; see `LinearisedLoops.bases`
@@ -126,28 +129,34 @@ class LocusEquations:
         offset[..., turning] = wrap_angles(offset[..., turning])
         return offset
 
-    def evaluate(self, q: Array, border: Border | None = None, bases: Array | None = None) -> Evaluated:
+    def evaluate(self, q: Array, near: Points | None = None, *, corank: int = 1) -> Evaluated:
         """Evaluate the equations and their derivatives at S configurations q (S, nq).
 
+        Along some curves several motions are uncontrolled. The bordered block G is zero there, and det G to a
+        higher order, without a slope. The last equation is the sum of the entries of G that grows most across
+        the curve.
+
         Args:
-            border: b and c (S, m, 1) of the bordered system of P, whose scalar is g; by default each
-                configuration has the border of its own P.
-            bases: (S, R, m) to which the bases of the ranges of the loops are aligned.
+            near: S points whose borders, bases and weights are used; by default each configuration has its
+                own border of size `corank`.
         """
         robot = self.robot
-        linearised = linearised_at(robot, q, bases=bases)
+        linearised = linearised_at(robot, q, bases=None if near is None else near.bases)
+        border = Border.of(passive_matrix(robot, linearised), corank) if near is None else near.border
         measure = measure_gradient(robot, linearised, border)
         gaps = (linearised.residual / robot.equation_sizes)[:, robot.n :]  # (S, m) of the loops
         offsets, offset_slopes = self._fixed_offsets(linearised)
         # (S, ., nv) each, in the order of `Evaluated.values`, along dimensionless joints
-        slopes = [
-            independent_loops_matrix(robot, linearised),
-            offset_slopes * robot.column_scale,
-            measure.by_q[:, None] * robot.column_scale,  # dg/dq
-        ]
+        slopes = [independent_loops_matrix(robot, linearised), offset_slopes * robot.column_scale]
+        held = np.concatenate(slopes, axis=1)[:, :, robot.moving]  # (S, k - 2, k)
+        entries = measure.G.reshape(len(q), -1)  # (S, size^2)
+        entry_slopes = (measure.G_by_q * robot.column_scale)[..., robot.moving].reshape(*entries.shape, -1)
+        weights = _weigh_entries(held, entry_slopes) if near is None else near.weights
         return Evaluated(
-            values=np.concatenate([gaps, offsets, measure.g[:, None]], axis=1),
-            slopes=np.concatenate(slopes, axis=1)[:, :, robot.moving],
+            values=np.concatenate([gaps, offsets, np.vecdot(weights, entries)[:, None]], axis=1),
+            slopes=np.concatenate([held, np.vecmat(weights, entry_slopes)[:, None]], axis=1),
+            largest=np.abs(entries).max(axis=1),
+            weights=weights,
             P=passive_matrix(robot, linearised),
             eta=measure.eta,
             bases=linearised.bases,
@@ -173,6 +182,17 @@ class LocusEquations:
         return offset[:, self.fixed], (slopes / units[:, None])[:, self.fixed]
 
 
+def _weigh_entries(held: Array, entry_slopes: Array) -> Array:
+    """Return unit weights (S, size^2) of the entries of G whose sum grows most on a surface.
+
+    On the surface the other equations, with slopes `held` (S, k - 2, k), stay zero.
+    """
+    if entry_slopes.shape[1] == 1:
+        return np.ones(entry_slopes.shape[:2])
+    surface = np.linalg.svd(held).Vh[:, -2:]  # (S, 2, k) orthonormal
+    return np.linalg.svd(entry_slopes @ surface.swapaxes(1, 2)).U[:, :, 0]
+
+
 # ------------------------------------------------------------------ tracing
 
 
@@ -181,11 +201,13 @@ class Points(NamedTuple):
 
     q: Array  # (S, nq)
     tangent: Array  # (S, k) unit vector t in the direction of tracing
-    determinant: Array  # (S,) det [dF/du ; t']; its sign changes at branch points
+    # (S,) det [dF/du ; t']; its sign changes at branch points. 0 for a corank above 1, where it has no sign
+    determinant: Array
     eta_slope: Array  # (S,) derivative of g along the uncontrolled motion; its sign changes at cusps
     eta: Array  # (S, m) unit passive rates of the uncontrolled motion, with a sign continuous along the curve
-    border: Border  # (S, m, 1) of P, the passive columns of the loops
+    border: Border  # (S, m, corank) of P, the passive columns of the loops
     bases: Array  # (S, R, m) of the ranges of the loops' rows, to which border and determinant refer
+    weights: Array  # (S, corank^2) of the entries of G in the last equation
 
     def negate_tangents(self) -> Points:
         """Return the points in the same order with opposite tangents."""
@@ -219,14 +241,14 @@ class Curve(NamedTuple):
     ends: tuple[str, str]
 
 
-def find_solutions(equations: LocusEquations, q: Array) -> Array:
+def find_solutions(equations: LocusEquations, q: Array, *, corank: int = 1) -> Array:
     """Find solutions (R, nq) of the equations, R <= S, by least-norm Newton steps from q (S, nq).
 
     The joint motions of a step are at most MAX_NEWTON_STEP. Configurations from which Newton's method does
     not converge are left out.
     """
     for _ in range(MAX_ITERATIONS):
-        evaluated = equations.evaluate(q)
+        evaluated = equations.evaluate(q, corank=corank)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
         change = -np.matvec(inverse, evaluated.values)  # (S, k) [rad, robot lengths]
         step_size = np.abs(change).max(axis=1)  # (S,)
@@ -310,8 +332,7 @@ def trace_curves(
     traced = join(computed)
     curves = list[Curve]()
     for k in range(count):
-        start = starts.single(k)
-        if ends[k] == "same" or any(passes_point(equations, curve.points, start) for curve in curves):
+        if ends[k] == "same" or any(passes_point(equations, curve.points.q, starts.q[k]) for curve in curves):
             continue
         along = select(traced, numbers[k])
         if ends[k] != "closed":
@@ -320,9 +341,9 @@ def trace_curves(
     return curves
 
 
-def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
-    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords."""
-    offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
+def passes_point(equations: LocusEquations, curve: Array, point: Array) -> bool:
+    """Return whether a curve through configurations (m, nq) passes one (nq,), judged by its chords."""
+    offsets = equations.offsets(point, curve)  # (m, k) from the point to those of the curve
     return bool(_passes(offsets[:-1], offsets[1:]).any())
 
 
@@ -372,7 +393,7 @@ def advance(
     ahead = step[:, None]
     poses, evaluated, _, converged = correct_points(
         # one border and one basis along a step, so that g is one smooth function
-        lambda poses, rows: equations.evaluate(poses.q, select(points.border, rows), points.bases[rows]),
+        lambda poses, rows: equations.evaluate(poses.q, select(points, rows)),
         lambda poses, change, _: _Poses(equations.move(poses.q, change)),
         _Poses(equations.move(points.q, ahead * points.tangent + 0.5 * ahead**2 * curvature)),
         points.tangent,
@@ -380,9 +401,12 @@ def advance(
         repeats=np.zeros(len(step), dtype=bool),
     )
     # `evaluated`, before a last step below NEWTON_STEP, holds at the poses as well
+    corank = points.border.b.shape[-1]
+    if corank > 1:  # the weights refer to one border
+        evaluated = equations.evaluate(poses.q, corank=corank)
     next_points = curve_points(poses.q, evaluated, points)
     turn = np.linalg.norm(next_points.tangent - points.tangent, axis=1)
-    return next_points, converged & (turn < MAX_TANGENT_TURN)
+    return next_points, converged & (turn < MAX_TANGENT_TURN) & (evaluated.largest < RANK_LOST)
 
 
 def _turn_along(vectors: Array, directions: Array) -> Array:
@@ -408,12 +432,15 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
         tangent = _turn_along(tangent, previous.tangent)
         eta = _turn_along(eta, previous.eta)
     g_slopes = slopes[:, -1, -eta.shape[1] :]  # (S, m) of g, the last equation, by the passive joints
+    determinant = np.linalg.det(np.concatenate([slopes, tangent[:, None]], axis=1))  # of [dF/du ; t']
+    corank = math.isqrt(evaluated.weights.shape[1])
     return Points(
         q=q,
         tangent=tangent,
-        determinant=np.linalg.det(np.concatenate([slopes, tangent[:, None]], axis=1)),  # of [dF/du ; t']
+        determinant=determinant if corank == 1 else np.zeros(len(q)),
         eta_slope=np.sum(g_slopes * eta, axis=1),
         eta=eta,
-        border=Border.of(evaluated.P),
+        border=Border.of(evaluated.P, corank),
         bases=evaluated.bases,
+        weights=evaluated.weights,
     )

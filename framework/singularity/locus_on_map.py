@@ -4,7 +4,7 @@ Tracing starts from the poses next to a sign change of g, and from local minima 
 across some curves. A point of a traced curve belongs to the map if a step of inverse kinematics from the
 nearest pose leads to the configuration of the point. So each point is singular and on the branch of the
 poses. Completeness is not claimed, because a curve between the poses may be so small that g has the same sign
-at all poses. A curve explains a sign change between neighbours if it passes within a cell of their midpoint.
+at all poses. A curve explains a sign change between neighbours if it passes between them.
 Sign changes that no curve explains are reported. Over one coordinate the locus consists of points, which
 bisection between the neighbours locates.
 """
@@ -24,15 +24,13 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at, type2_matrix
 from framework.kinematics.modes import ModeStates, leg_signs, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.numerics.ordered_sums import least_singular_values
-from framework.singularity.curve_tracing import STALLED, LocusEquations, chord_offsets
+from framework.singularity.curve_tracing import MAX_CURVE_OFFSET, STALLED, LocusEquations, chord_offsets
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST
 
-# Distance in cells below which two curves are the same: on one branch a point determines the configuration.
-SAME_CURVE_CELLS = 0.25
 TYPE_2_KINDS = ("type_2", "self_motion")  # of a `LocusCurve`, on which motors lose hold of the platform
 # index offsets (9, 2) of a cell (the first) and its eight neighbours
 NINE_CELLS = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])
@@ -73,7 +71,7 @@ class MapLocus(ReadOnlyArrays):
 
     curves: tuple[MapCurve, ...]
     sign_changes: int  # number of pairs of neighbouring poses between which g changes its sign
-    unexplained: Array  # (u, k) midpoints of sign changes that no curve passes within a cell
+    unexplained: Array  # (u, k) midpoints of sign changes that no curve explains
     why_not: str  # empty if the locus was traced
     seconds: float
 
@@ -165,32 +163,39 @@ def _trace_modes(
     Returns:
         The curves; which sign changes are left unexplained, (e,).
     """
-    # (t + e, 2) indices i, j of the poses from which curves may start: minima, then the first of each change
-    starts = np.concatenate([_find_minima(poses.g), changes[:, :2]])
-    q = poses.q[starts[:, 0], starts[:, 1]]  # (t + e, nq)
-    start_modes = leg_signs(equations.robot, linearised_at(equations.robot, q))  # (t + e, legs)
-    count = len(changes)
+    robot = equations.robot
+    minima = _find_minima(poses.g)  # (t, 2)
+    q = np.concatenate([poses.q[tuple(minima.T)], _zeros_between(poses, changes)])  # (t + e, nq) of starts
+    start_modes = leg_signs(robot, linearised_at(robot, q))  # (t + e, legs)
+    is_minimum = np.arange(len(q)) < len(minima)
     curves = list[MapCurve]()
-    unexplained = np.ones(count, dtype=bool)
+    unexplained = np.ones(len(changes), dtype=bool)
     modes, counts = np.unique(start_modes, axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
-        is_of_mode = (start_modes == mode).all(axis=1)
-        is_minimum = is_of_mode & (np.arange(len(starts)) < len(starts) - count)
-        is_untried = is_of_mode[len(starts) - count :]
+        is_untried = (start_modes == mode).all(axis=1)  # (t + e,)
         for is_first, stride in ((is_minimum, 8), (np.zeros_like(is_minimum), 1)):
-            tried = np.flatnonzero(is_untried & unexplained)[::stride]
-            is_untried[tried] = False
-            is_start = is_first.copy()
-            is_start[len(starts) - count + tried] = True
+            is_start = is_untried & is_first
+            is_start[len(minima) + np.flatnonzero(is_untried[len(minima) :] & unexplained)[::stride]] = True
+            is_untried &= ~is_start
             if not is_start.any():
                 continue
-            # the parts of the curves on the map's branch that are not among the earlier ones
             for curve in _trace_near(equations, poses, q[is_start]):
-                for part in _parts_on_branch(equations, poses, curve):
-                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
-                        curves.append(part)
-            unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
+                parts = _parts_on_branch(equations, poses, curve)
+                curves += [part for part in parts if _is_new(poses, part, curves)]
+            unexplained = ~_is_explained(poses, changes, curves)
     return curves, unexplained
+
+
+def _zeros_between(poses: MapPoses, changes: IntArray) -> Array:
+    """Compute configurations (e, nq) near g = 0 between the neighbours of sign `changes` (e, 4).
+
+    They are where g would be zero if it were linear, or the first neighbours if steps do not lead there.
+    """
+    first, second = tuple(changes[:, :2].T), tuple(changes[:, 2:].T)
+    share = poses.g[first] / (poses.g[first] - poses.g[second])  # (e,)
+    x, q = poses.x[first], poses.q[first]
+    ends, arrives = poses.continue_pose(q, x, x + share[:, None] * (poses.x[second] - x))
+    return np.where(arrives[:, None], ends, q)
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
@@ -257,18 +262,57 @@ def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
     return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
 
 
-def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -> BoolArray:
-    """Return which points x (e, 2) are more than `cells` cells of the map away from all curves, (e,).
+def _is_new(poses: MapPoses, part: MapCurve, curves: list[MapCurve]) -> bool:
+    """Return whether any point of a part is on none of the curves.
 
-    The distance is the larger of those along the two axes.
+    On one branch a point determines the configuration.
     """
-    is_apart = np.ones(len(x), dtype=bool)
+    is_apart = np.ones(len(part.x), dtype=bool)
     for curve in curves:
-        chord = np.diff(curve.x, axis=0) / poses.cell  # in cells
-        for k in np.flatnonzero(is_apart):  # one by one: all points times all chords would need much memory
-            offset = (x[k] - curve.x[:-1]) / poses.cell
-            is_apart[k] = np.abs(chord_offsets(offset, chord)).max(axis=1).min() > cells
-    return is_apart
+        chord = np.diff(curve.x, axis=0) / poses.cell  # (c, 2)
+        offset = (part.x[:, None] - curve.x[:-1]) / poses.cell  # (m, c, 2)
+        distance = np.linalg.norm(chord_offsets(offset, chord), axis=2)
+        is_apart &= (distance > MAX_CURVE_OFFSET * np.linalg.norm(chord, axis=1)).all(axis=1)
+    return bool(is_apart.any())
+
+
+def _is_explained(poses: MapPoses, changes: IntArray, curves: list[MapCurve]) -> BoolArray:
+    """Return for which sign `changes` (e, 4) a curve passes between the poses, (e,)."""
+    is_explained = np.zeros(len(changes), dtype=bool)
+    in_cells = [(curve.x - poses.lower) / poses.cell for curve in curves]
+    for along in (0, 1):  # the axis along which the poses are neighbours
+        crossings = [np.zeros((3, 0)), *(_cross_lines(x, along) for x in in_cells)]
+        lines, least, largest = np.concatenate(crossings, axis=1)
+        for k in np.flatnonzero(changes[:, 2 + along] > changes[:, along]):
+            first = changes[k, along]
+            is_between = (largest >= first) & (least <= first + 1)
+            is_explained[k] = (is_between & (lines == changes[k, 1 - along])).any()
+    return is_explained
+
+
+def _cross_lines(x: Array, along: int) -> Array:
+    """Find where a curve through points x (m, 2) crosses the lines of poses along one axis, in cells.
+
+    An arc that turns by an angle leaves its chord by an eighth of it times the chord. The turn is that from
+    chord to chord; a quarter is counted. The curve may go on for a step at its ends.
+
+    Returns:
+        (3, crossings): number of the line, least and largest place on the line.
+    """
+    x = np.concatenate([2 * x[:1] - x[1:2], x, 2 * x[-1:] - x[-2:-1]])  # (m + 2, 2)
+    chord = np.diff(x, axis=0)  # (m + 1, 2)
+    length = np.linalg.norm(chord, axis=1)
+    directions = chord / np.maximum(length, LEAST_DIVISOR)[:, None]
+    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)  # (m,) [rad]
+    doubt = 0.25 * length * np.maximum(np.append(turns, 0.0), np.append(0.0, turns))  # (m + 1,)
+    across = x[:, 1 - along]
+    low, high = np.sort(np.floor([across[:-1], across[1:]]).astype(int), axis=0)
+    chords = np.repeat(np.arange(len(chord)), high - low)  # of the crossings
+    before = np.cumsum(high - low) - (high - low)  # crossings of the chords before
+    lines = low[chords] + 1 + np.arange(len(chords)) - before[chords]
+    shares = (lines - across[chords]) / chord[chords, 1 - along]
+    places = x[chords, along] + shares * chord[chords, along]
+    return np.stack([lines, places - doubt[chords], places + doubt[chords]])
 
 
 # ------------------------------------------------------------------ the curves

@@ -82,30 +82,32 @@ def find_contacts(measured: MeasuredMatrix, resolved: list[Panel]) -> list[Conta
     for candidate in minima_first:
         root = None if candidate.is_minimum else _simple_root(measured, candidate)
         size = 1
-        common: Contact | None = None
         if root is None:
             size = measured.border_width(singular_values(candidate.panel.matrix(candidate.s)))
-            # where several singular values are small, they may vanish together
-            common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
+        # where several singular values are small, they may vanish together
+        common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
             if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
                 multiple.append(common)
-        elif candidate.is_minimum:
+            continue
+        if candidate.is_minimum:
             extremum = extremum_near(measured.evaluate, measured.knots, candidate.s, size)
             if all(abs(extremum.s - s) > DISTINCT_EXTREMA for s in known_about):
                 contacts, reach = _contacts_beside(measured, extremum, size)
                 single += [contact for contact in contacts if _is_apart(contact.s, single, SAME_PLACE)]
                 if contacts:
                     known_about[extremum.s] = reach
-        else:
-            if root is None:  # by differences; Newton's method may leave the root
-                s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
-                root = Contact(s, "transversal") if converged else None
-            if root is None or any(abs(root.s - s) <= reach for s, reach in known_about.items()):
+            continue
+        if root is None:  # by differences; Newton's method may leave the root
+            s, converged = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+            if not converged:
                 continue
-            # a root at the edge of two panels is found twice
-            if _is_apart(root.s, single, SAME_PLACE) and _loses_rank(measured, root.s, size):
-                single.append(root)
+            root = Contact(s, "transversal")
+        is_known = any(abs(root.s - s) <= reach for s, reach in known_about.items())
+        # a root at the edge of two panels is found twice
+        is_new = not is_known and _is_apart(root.s, single, SAME_PLACE)
+        if is_new and _loses_rank(measured, root.s, size):
+            single.append(root)
     # single roots beside a common contact are the same point, found less accurately
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
@@ -195,20 +197,20 @@ def _miss_at_end(
     The end is no near miss if a `known` contact is closer than the distance over which g changes by its own
     value; nor if the least singular value at the end of its `panel` is above `level`.
     """
-    matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     degrees = np.arange(len(panel.series))
     at_end = panel.series * outwards**degrees  # T_k(1) = 1 and T_k(-1) = (-1)^k
     value = at_end.sum()
     slope = outwards * (at_end @ degrees**2)  # T_k'(1) = k^2
-    if least_singular_values(matrix) >= level or value * slope * outwards >= 0.0:  # |g| grows outwards
+    if value * slope * outwards >= 0.0:  # |g| grows outwards
         return None
     # distance in s over which g changes by its own value, if it is linear; local coordinates span 2
     width = float(0.5 * panel.width * abs(value / slope))
-    if not _is_apart(s, known, width):
+    matrix = panel.matrices[0 if s == 0.0 else -1]
+    values = singular_values(matrix)
+    if values[-1] >= level or not _is_apart(s, known, width):
         return None
-    size = measured.border_width(singular_values(matrix))
-    return NearMiss(s, _signed_least_value(matrix[None]), width, size)
+    return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(values))
 
 
 def _signed_least_value(matrix: Array) -> float:
@@ -261,7 +263,7 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises the norm of the block G of `bordered_system`, whose entries all vanish
-    at the contact. If they vanish without a slope, the contact is the extremum of `_product_with_end_blocks`.
+    at the contact.
 
     Args:
         size: number of columns of the border, which is the number of small singular values.
@@ -280,25 +282,17 @@ def _find_common_contact(measured: MeasuredMatrix, start: float, size: int) -> C
     # slopes of the singular values, relative to the curvature of G if this is large
     largest_slope, *_, least_slope = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
     kind = "transversal" if least_slope > TANGENTIAL_SLOPE else "tangential"
-    # where G has no slope, Gauss-Newton converges only linearly
+    # Where G has no slope, Gauss-Newton converges only linearly. But every linear function of G has an
+    # extremum there. That of the inner product with the panel's end blocks G[0] and G[-2] is sharp, because
+    # it weights each entry by its size at both ends; G[-1] is that of the current estimate.
     if largest_slope < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
-        s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
+        s = extremum_near(
+            measured.evaluate, measured.knots, s, size, lambda G: np.sum(G * (G[0] + G[-2]), axis=(1, 2))
+        ).s
         kind = "tangential"
     # small singular values need not vanish
     is_contact = abs(s - start) <= radius and measured.count_lost_ranks(s) >= 2
     return Contact(s, kind) if is_contact else None
-
-
-def _product_with_end_blocks(G: Array) -> Array:
-    """Compute the inner products (T,) of blocks G (T, size, size) with a panel's end blocks.
-
-    The inner product of two blocks is the sum of the products of their entries. Where all entries of G vanish
-    without a slope, every linear function of G has an extremum. This one is sharp, because it weights each
-    entry by its size at both ends of the panel. The last block of G is that of the current estimate of the
-    extremum; the others belong to the ascending nodes of the panel.
-    """
-    first_node, last_node = G[0], G[-2]
-    return np.sum(G * (first_node + last_node), axis=(1, 2))
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tuple[Array, Array, Array]:

@@ -25,11 +25,12 @@ import numpy as np
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import assembled_at, linearised_at, type1_matrix
+from framework.kinematics.linearised_loops import assembled_at, linearised_at, passive_matrix, type1_matrix
 from framework.kinematics.modes import leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive, whole
+from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
@@ -44,12 +45,12 @@ from framework.singularity.curve_tracing import (
     trace_curves,
 )
 from framework.singularity.type2 import uncontrolled_motion
-from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
+from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
 # |det [dF/du ; t']| at a branch point over that of its neighbours. Closer by, the corrector loses digits.
 BRANCH_POINT_RATIO = 1e-6
-# A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
+# A curve is cut at the edge of a working mode where a leg's least singular value has dropped to this share
 # of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
 SHARE_ROUNDING = 2e-12  # of the chord between two points: steps towards a root that are rounding
@@ -148,7 +149,12 @@ def trace_locus(
         guesses = equations.move(closed.q[0], steps)
     solutions = find_solutions(equations, np.vstack([guesses, *near]))
     solutions = solutions[region.contains(solutions)]
-    curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
+    curves = list[tuple[Curve, list[Points]]]()
+    if len(solutions):
+        least = singular_values(passive_matrix(robot, linearised_at(robot, solutions)))
+        coranks = np.maximum((least < RANK_LOST).sum(axis=1), 1)  # numbers of uncontrolled motions
+        for corank in np.unique(coranks).tolist():
+            curves += _trace_branches(equations, region, solutions[coranks == corank], longest, corank)
     described = tuple(
         _describe_curve(equations, region.clip(curve), crossings, with_cusps=with_cusps)
         for curve, crossings in curves
@@ -157,27 +163,30 @@ def trace_locus(
 
 
 def _trace_branches(
-    equations: LocusEquations, region: Region, solutions: Array, longest: float
+    equations: LocusEquations, region: Region, solutions: Array, longest: float, corank: int
 ) -> list[tuple[Curve, list[Points]]]:
     """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
 
     Args:
         region: where curves are followed.
         longest: longest step along a curve [rad, robot lengths].
+        corank: number of uncontrolled motions at the solutions, and along the curves.
 
     Returns:
         Each curve with its branch points (S = 1 each).
     """
     max_curves = 100  # after which no further branches are traced
     max_starts = 16  # traced in one stack: more would mostly be on the same curves
-    points = curve_points(solutions, equations.evaluate(solutions), previous=None)
+    if corank > 1:  # g, with a multiple root, has led to them slowly
+        solutions = find_solutions(equations, solutions, corank=corank)
+    points = curve_points(solutions, equations.evaluate(solutions, corank=corank), previous=None)
     starts = [points.single(k) for k in range(len(solutions))]
     curves = list[tuple[Curve, list[Points]]]()
     while len(curves) < max_curves:
         starts = [
             point
             for point in starts
-            if not any(passes_point(equations, traced.points, point) for traced, _ in curves)
+            if not any(passes_point(equations, traced.points.q, point.q[0]) for traced, _ in curves)
         ]
         if not starts:
             break
@@ -187,8 +196,14 @@ def _trace_branches(
         for curve in trace_curves(equations, join(tried), region.contains, longest):
             along = curve.points
             determinant = along.determinant  # of [dF/du ; t']
-            changes = np.flatnonzero(determinant[1:] * determinant[:-1] < 0)
-            crossings = [_branch_point(equations, along.single(k), along.single(k + 1)) for k in changes]
+            crossings = []  # where another curve crosses: the determinant is zero there
+            for k in np.flatnonzero(determinant[1:] * determinant[:-1] < 0):
+                ends = along.single(k), along.single(k + 1)
+                sizes = np.abs(determinant[[k, k + 1]])
+                # to this size only, as the corrector loses digits closer by
+                small = BRANCH_POINT_RATIO * float(sizes.max())
+                root = root_between(equations, *ends, lambda point: float(point.determinant[0]), small=small)
+                crossings.append(ends[int(sizes[1] <= sizes[0])] if root is None else root)
             curves.append((curve, crossings))
             for crossing in crossings:
                 branches = _points_on_crossing_curve(equations, crossing)
@@ -299,19 +314,6 @@ def root_between(
     return root
 
 
-def _branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
-    """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
-
-    The determinant is reduced to BRANCH_POINT_RATIO only, as the corrector loses digits closer by. If no
-    point between the two can be computed, the neighbour with the smaller determinant is returned.
-    """
-    nearer = min(end, start, key=lambda point: abs(float(point.determinant[0])))
-    small = BRANCH_POINT_RATIO * max(abs(float(point.determinant[0])) for point in (start, end))
-    # det [dF/du ; t'] is zero at the branch point
-    root = root_between(equations, start, end, lambda point: float(point.determinant[0]), small=small)
-    return nearer if root is None else root
-
-
 def _points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
     """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side.
 
@@ -320,12 +322,12 @@ def _points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> li
     -a^2 and b^2 along the principal axes n_1, n_2 it is zero along b n_1 + a n_2 and b n_1 - a n_2. A
     definite form has no such directions: the other curve is not real.
     """
-    svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border, crossing.bases).slopes[0])
+    svd = np.linalg.svd(equations.evaluate(crossing.q, crossing).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
     null_space = svd.Vh[-2:]  # (2, k) orthonormal
     steps = DIFFERENCE_STEP * np.vstack([null_space, -null_space])  # (4, k) ahead, then back
     centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
-    slopes = equations.evaluate(equations.move(centre.q, steps), centre.border, centre.bases).slopes
+    slopes = equations.evaluate(equations.move(centre.q, steps), centre).slopes
     changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
     form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
     (negative, positive), axes = np.linalg.eigh(form)
@@ -370,18 +372,20 @@ class Region(NamedTuple):
         if turns.shape[1] == 3:  # a rotation vector, whose chart ends at an angle of pi: stop a step earlier
             inside &= np.linalg.norm(turns, axis=1) < np.pi - MAX_STEP
         if self.mode is not None:
-            inside &= self.least_determinants(q, self.mode) > -RANK_ROUNDING
+            inside &= (self.leg_clearances(q, self.mode) > -RANK_ROUNDING).all(axis=1)
         return inside
 
-    def least_determinants(self, q: Array, mode: Array) -> Array:
-        """Compute the least of the legs' dimensionless determinants (T,) at q (T, nq), positive in the mode.
+    def leg_clearances(self, q: Array, mode: Array) -> Array:
+        """Compute the legs' least singular values (T, legs) at q (T, nq), positive in the mode.
 
-        Each determinant, zero at Type 1, is multiplied by the sign that it has in the `mode` (legs,).
+        Each, zero at Type 1, is multiplied by the sign of the leg's determinant and by that in the `mode`
+        (legs,).
         """
         robot = self.equations.robot
         M = type1_matrix(robot, linearised_at(robot, q))
-        determinants = [np.linalg.det(M[:, leg.rows][:, :, leg.columns]) for leg in legs(robot)]  # (T,) each
-        return (np.stack(determinants, axis=1) * mode).min(axis=1)
+        blocks = [M[:, leg.rows][:, :, leg.columns] for leg in legs(robot)]
+        signed = [np.linalg.slogdet(block).sign * least_singular_values(block) for block in blocks]  # (T,)
+        return np.stack(signed, axis=1) * mode
 
     def clip(self, curve: Curve) -> Curve:
         """Return the part of a curve in the region's working mode.
@@ -399,19 +403,23 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
-        """Move the last of the points, if outside the working mode, back to the edge of the mode."""
-        last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
-        if not outside < 0 < last_inside:  # the curve does not leave the mode between these two points
+        """Move the last of the points, if outside the working mode, back to the edge of the mode.
+
+        Other legs may be at Type 1 all along the curve.
+        """
+        last_inside, outside = self.leg_clearances(points.q[-2:], mode)  # (legs,) each
+        leaves = (outside < -RANK_ROUNDING) & (last_inside > RANK_ROUNDING)
+        if not leaves.any():  # the curve does not leave the mode between these two points
             return points
-        at_edge = CUT_CLEARANCE_RATIO * last_inside  # least determinant where the curve is cut, just inside
+        at_edge = CUT_CLEARANCE_RATIO * last_inside[leaves]  # where the curve is cut, just inside
 
         def excess(point: Points) -> float:
-            """Compute the excess of the least determinant of a leg over that at the edge."""
-            return float(self.least_determinants(point.q, mode)[0]) - at_edge
+            """Compute the least clearance of these legs over that at the edge, less 1."""
+            return float((self.leg_clearances(point.q, mode)[0, leaves] / at_edge).min()) - 1.0
 
         inside = points.single(-2)
         # a tenth is accurate enough, and keeps the edge inside the mode
-        edge = root_between(self.equations, inside, points.single(-1), excess, small=0.1 * at_edge)
+        edge = root_between(self.equations, inside, points.single(-1), excess, small=0.1)
         points = select(points, slice(None, -1))
         return points if edge is None else join([points, edge])
 

@@ -215,39 +215,55 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
 
 
 class MeasureGradient(NamedTuple):
-    """The bordered scalar g of a square P and its gradient, at T configurations."""
+    """The bordered block G of a square P and its gradient, at T configurations; g is its first entry."""
 
-    g: Array  # (T,)
+    G: Array  # (T, size, size)
     eta: Array  # (T, n_p) dimensionless passive rates closest to an uncontrolled motion, c' eta = 1
-    by_q: Array  # (T, nv) dg/dq [1/rad, 1/m]
+    G_by_q: Array  # (T, size, size, nv) dG/dq [1/rad, 1/m]
+
+    @property
+    def g(self) -> Array:
+        """The bordered scalar g (T,)."""
+        return self.G[:, 0, 0]
+
+    @property
+    def by_q(self) -> Array:
+        """The gradient dg/dq (T, nv) [1/rad, 1/m]."""
+        return self.G_by_q[:, 0, 0]
 
 
 def measure_gradient(
     robot: ParallelRobot, linearised: LinearisedLoops, border: Border | None = None
 ) -> MeasureGradient:
-    """Compute g and dg/dq (T, nv) at configurations with a square P.
+    """Compute G and dG/dq (T, size, size, nv) at configurations with a square P.
 
-    With the loop forces f = J' psi at constant multipliers, -dg/dq_j = psi' (dP/dq_j) eta = sum of eta_i
-    df_i/dq_j. Derivatives of psi . F along two joints may be exchanged, so this is df_j along eta: one motion
-    instead of one for each joint. Only turns about two axes of a ball do not commute, which adds eta x f.
+    With the loop forces f = J' psi at constant multipliers, -dG/dq_j = psi' (dP/dq_j) eta = sum of eta_i
+    df_i/dq_j, of any columns psi and eta. Derivatives of psi . F along two joints may be exchanged, so this
+    is df_j along eta: one motion instead of one for each joint. Only turns about two axes of a ball do not
+    commute, which adds eta x f.
 
     Args:
-        border: b and c, (n_p, 1) for all or (T, n_p, 1); by default each configuration has that of its P.
+        border: b and c, (n_p, size) for all or (T, n_p, size); by default each configuration has that of its
+            P, of size 1.
     """
     P = passive_matrix(robot, linearised)
     border = Border.of(P) if border is None else border
     solution = solve_bordered(P, border)
-    eta = solution.eta[:, :, 0]  # (T, n_p)
     transposed_border = Border(border.c, border.b, border.values)
-    psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta[:, :, 0]  # (T, n_p)
-    multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
-    motion = passive_motion(robot, eta)  # (T, nv)
-    wrenches, spread = linearised.wrenches[:, robot.n :], linearised.spread(multipliers)
-    changes = loop_force_changes(
-        robot, robot.spanning_loops, linearised.frames, wrenches, spread, motion[:, None]
-    )[:, 0]  # (T, nv) of f along eta
+    psi = solve_bordered(P.swapaxes(1, 2), transposed_border).eta  # (T, n_p, size)
+    units = robot.loop_lengths * robot.structure.row_sizes  # of the loop equations
+    motions = passive_motion(robot, solution.eta.swapaxes(1, 2))  # (T, size, nv)
+    wrenches = linearised.wrenches[:, robot.n :]
     balls = ball_columns(robot.model)  # (b, 3)
-    if len(balls):
-        forces = np.vecmat(multipliers, linearised.closures)  # f (T, nv)
-        changes[:, balls] += cross(motion[:, balls], forces[:, balls])
-    return MeasureGradient(solution.G[:, 0, 0], eta, -changes)
+    rows = list[Array]()  # (T, size, nv) each, of one column psi
+    for multipliers in np.moveaxis(psi, 2, 0) / units:
+        spread = linearised.spread(multipliers)
+        # of f along each eta
+        changes = loop_force_changes(
+            robot, robot.spanning_loops, linearised.frames, wrenches, spread, motions
+        )  # (T, size, nv)
+        if len(balls):
+            forces = np.vecmat(multipliers, linearised.closures)[:, None]  # f (T, 1, nv)
+            changes[..., balls] += cross(motions[..., balls], forces[..., balls])
+        rows.append(-changes)
+    return MeasureGradient(solution.G, solution.eta[:, :, 0], np.stack(rows, axis=1))

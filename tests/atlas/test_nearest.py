@@ -91,7 +91,7 @@ def test_nothing_found_is_told_apart_from_nothing_there(robot):
     at = assemble(robot, [0.1, 0.345])
     far = nearest_singular_pose(robot, at, within=0.05, max_cells=FEW)
     assert (far.x, far.distance) == (None, np.inf)
-    assert "none found within 0.05 m" in far.status
+    assert "no Type 2 pose found within 0.05 m" in far.status
     near = nearest_singular_pose(robot, at, within=0.04)
     assert near.at_least == pytest.approx(0.04)
     assert "no singular pose in the ball searched" in near.status

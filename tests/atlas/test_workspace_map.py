@@ -206,6 +206,38 @@ def test_the_locus_on_a_map_is_where_the_rods_are_in_line_however_coarse_the_map
     assert found.locus.sign_changes > size
 
 
+@pytest.mark.parametrize(("centre", "half"), [((0.1746, -0.0263), 0.0557), ((-0.0628, -0.0978), 0.1957)])
+def test_a_curve_that_passes_one_cell_beside_another_one_is_drawn(robot, centre, half):
+    """Wherever rods become aligned within the window, on a grid a hundred times as fine as the map."""
+    centre = np.array(centre)
+    found = workspace_map(robot, window(robot, 4, centre - half, centre + half), ["g"])
+    fine = window(robot, 301, centre - half, centre + half).points()
+    with np.errstate(invalid="ignore"):  # some lie beyond the reach
+        sine = five_bar_pose.pose(fine.reshape(-1, 2)).sine.reshape(301, 301)
+    changes = np.argwhere(sine[1:] * sine[:-1] < 0)
+    aligned = fine[tuple(changes.T)]  # (k, 2), each within a fine cell of the locus
+    points = [np.linspace(curve.x[:-1], curve.x[1:], 30).reshape(-1, 2) for curve in found.locus.curves]
+    offsets = (aligned[:, None] - np.concatenate(points)) / found.window.cell
+    assert len(aligned) > 100
+    assert np.abs(offsets).max(axis=2).min(axis=1).max() < 0.05
+
+
+def test_the_self_motions_of_the_orthoglide_are_one_curve():
+    """Where all legs coincide they turn about one point, a quarter of a circle: two motions are uncontrolled.
+
+    g vanishes there with its slope, and the third leg is at Type 1 all along.
+    """
+    robot = robots.load("orthoglide")
+    at = Window((0, 1), np.array([-0.33, -0.33]), np.array([0.04, 0.04]), (8, 8), robot.reference.x)
+    found = workspace_map(robot, at, ["g"])
+    (curve,) = [curve for curve in found.locus.curves if curve.kind == "self_motion"]
+    leg = robot.reference.q[robot.actuated[0]]  # at the reference each leg is along its own axis
+    np.testing.assert_allclose(np.linalg.norm(curve.x, axis=1), leg, rtol=1e-9)
+    np.testing.assert_allclose(robot.actuated_coordinates(curve.q), 0.0, atol=1e-7)
+    ends = np.sort(np.degrees(np.arctan2(*curve.x[[0, -1]].T[::-1])))
+    np.testing.assert_allclose(ends, [-180.0, -90.0], atol=2.0)  # the last step may be missing
+
+
 def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus(robot):
     centre = np.array([0.0, np.sqrt(0.06)])  # on the locus
     found = workspace_map(robot, window(robot, 9, centre - 2e-3, centre + 2e-3), ["g"])

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from framework.control import Spread
+from framework.control import draw as draw_robot
 from framework.control.deviation import Plant
-from framework.control.regulators import Weights, plant_with_readings, regulator_gains, tune_filter
+from framework.control.regulators import (
+    Weights,
+    plant_with_readings,
+    prior_starts,
+    regulator_gains,
+    tune_filter,
+)
 from framework.control.sensors import IMU_NOISE, LEAST_NOISE, PLATFORM_NOISE, LoopSensors
 
 K, N_A, N, M = 4, 2, 2, 3  # periods, motors, coordinates of the platform, pairs of states
@@ -119,19 +126,20 @@ def test_the_filter_is_the_conditional_mean_of_its_model(noise, seen):
     deviation, trust = np.concatenate(deviation), np.concatenate(trust)
     readings = len(deviation)
     plant = Plant(model.F, model.G, rng.normal(size=(K, readings, STATES)), np.zeros((K, readings, N_A)))
-    prior = rng.uniform(0.5, 2.0, STATES) * 1e-2
+    prior = rng.normal(size=(STATES, STATES + 1)) * 1e-2
     observer = tune_filter(plan, model, plant, sensors, Spread(noise=noise), WEIGHTS, prior)
     np.testing.assert_allclose(observer.noise, deviation, rtol=1e-12)
 
     of_readings = np.hypot(deviation, WEIGHTS.deflection * trust)
     persist = np.sqrt(0.03 * PERIOD)
     largest = 5.0 * SCALE / LENGTH + np.abs(plan.ddx).max(axis=0)  # [m/s^2] gravity, and the plan's
-    count = STATES + K * (readings + M)  # of the unit normals: start, readings, accelerations
+    starts = prior.shape[1]
+    count = starts + K * (readings + M)  # of the unit normals: start, readings, accelerations
     z = np.zeros((STATES, count))
-    z[:, :STATES] = np.diag(prior)
+    z[:, :starts] = prior
     past = np.zeros((0, count))
     for k in range(K):
-        at = STATES + k * (readings + M)
+        at = starts + k * (readings + M)
         y = plant.C[k] @ z
         y[:, at : at + readings] += np.diag(of_readings)
         new = y - y @ np.linalg.pinv(past) @ past if len(past) else y
@@ -161,3 +169,18 @@ def test_an_accelerometer_reads_the_mean_acceleration_of_the_last_period():
         after = model.F[k] @ z + model.G[k] @ torque
         reading = plant.C[k + 1] @ after + plant.D[k + 1] @ torque
         np.testing.assert_allclose(reading, (after - z)[M : M + N] / PERIOD, rtol=1e-9, atol=1e-9)
+
+
+def test_starts_have_the_second_moments_of_robots_as_they_are_drawn():
+    """Dry friction is never negative: its mean is common to all motors, and no deviation about zero."""
+    spread = Spread(payload=0.1, stiffness=0.2, friction=0.05)
+    robot = SimpleNamespace(
+        n_e=2, n_a=3, platform_scale=SCALE, column_scale=np.ones(4), model=SimpleNamespace(njoints=5)
+    )
+    names = ("payload", "friction a", "friction b", "friction c", "spring d", "spring e")
+    model = SimpleNamespace(columns=np.array([0]), m=N + 1, names=names)
+    drawn = [draw_robot(robot, spread, (5, number)) for number in range(4000)]
+    theta = np.array([np.concatenate([[one.payload - 1], one.friction, one.stiffness - 1]) for one in drawn])
+    size = np.array([0.1, *[0.05] * 3, *[0.2] * 2])  # the largest of each
+    starts = prior_starts(SimpleNamespace(robot=robot), model, spread)[2 * model.m :] / size[:, None]
+    np.testing.assert_allclose(starts @ starts.T, (theta / size).T @ (theta / size) / len(theta), atol=0.02)

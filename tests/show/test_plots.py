@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from io import BytesIO
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
@@ -123,6 +124,13 @@ def test_no_label_is_cut_off_where_a_figure_is_saved_as_the_readme_says(write_ro
         extent = label.get_window_extent()
         assert page.x0 <= extent.x0 < extent.x1 <= page.x1
         assert page.y0 <= extent.y0 < extent.y1 <= page.y1
+
+
+def test_no_label_is_cut_off_where_its_place_changes_the_ticks(crossing_plan):
+    with use_style():
+        picture = figure_file(plots.plot_singularity(crossing_plan).figure, "png")
+    shades = matplotlib.image.imread(BytesIO(picture))[:, :, :3]
+    assert shades[:, :4].min() == 1.0  # white at the left edge
 
 
 def test_g_is_drawn_along_the_path_and_vanishes_at_the_marks(plan):

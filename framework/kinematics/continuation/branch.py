@@ -28,7 +28,7 @@ from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, freeze, read_only
 from framework.numerics.chebyshev import TimeFunction, coefficients, evaluate, nodes, tail
 from framework.numerics.ordered_sums import least_singular_values
-from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
+from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP, SAME_PLACE
 
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
 # as many nodes as coefficients, plus an eighth of all nodes, whose misfit measures the error of the fit
@@ -58,7 +58,7 @@ def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Arr
     start, end = interval
     local = (2 * s - start - end) / (end - start)
     values = evaluate(local.clip(-1.0, 1.0), series)
-    (beyond,) = (np.abs(local) > 1.0).nonzero()
+    (beyond,) = (np.abs(local) > 1.0 + SAME_PLACE).nonzero()
     if len(beyond):
         values[beyond] = chebyshev.chebval(local[beyond], series).T
     return values

@@ -22,7 +22,7 @@ from numpy.polynomial import chebyshev
 from framework.errors import NotAssembled
 from framework.kinematics.continuation.predictor_corrector import accept_steps
 from framework.kinematics.frames import difference, integrate
-from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.inverse_kinematics import close_each, close_in_place
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
@@ -122,11 +122,11 @@ def _close_panel(
         pose_of_each = pose.frames.select(np.zeros(COARSE_NODES, dtype=np.intp))
         platform_step = -robot.platform.residual(pose_of_each, coarse_x)  # (COARSE_NODES, n)
         step = joint_rates(robot, pose, platform_step[:, None])[:, 0]  # (COARSE_NODES, nv)
-        guess = integrate(robot, q, step)
-        coarse = close_each(robot, coarse_x, guess, iterations=MAX_STEPS, enough=COARSE_STEP)
-        if not coarse.closed.all():
+        coarse_q = integrate(robot, q, step)  # (COARSE_NODES, nq)
+        coarse = close_in_place(robot, coarse_x, coarse_q, iterations=MAX_STEPS, enough=COARSE_STEP)
+        if sum(len(last.instants) for last in coarse) < COARSE_NODES:
             return None
-        offsets = _from_coarse_nodes() @ difference(robot, q, coarse.q)  # (SHEET_NODES, nv)
+        offsets = _from_coarse_nodes() @ difference(robot, q, coarse_q)  # (SHEET_NODES, nv)
         s = panel_nodes(start, end)
         closing = close_each(robot, path(s), integrate(robot, q, offsets), iterations=MAX_STEPS)
         if not closing.closed.all():

@@ -138,11 +138,19 @@ class PoseSearch:
         least = min((pose.distance for pose in earlier), default=np.inf)
         least_value = 0.5 * (least / self._unit_size) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
+        # least decrease by the next step, over the excess of |e|^2 / 2 over that of the best other search
+        least_progress = 0.1
 
         damping = 0.0  # of Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
-            if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
+            is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
+            is_flat = step.decrease < LEAST_DECREASE * iterate.value
+            is_behind = step.decrease < least_progress * (iterate.value - least_value)
+            distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
+            is_on_their_branch = distances.min(initial=np.inf) < BRANCH_CORRECTION
+            repeats = is_on_their_branch and iterate.value > least_value
+            if count == MAX_STEPS or is_reached or is_flat or is_behind or repeats:
                 break
 
             next_iterate = self._follow(iterate, step, target)
@@ -182,25 +190,6 @@ class PoseSearch:
             return False
         determinants = map(passive_determinants, (start, end))
         return not self._motors_hold or bool(keeps_sign(*determinants)[0])
-
-    def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
-        """Return whether the target is reached, little decrease is left, or another start is better.
-
-        `step` is the next step from the iterate.
-
-        Args:
-            least_value: |e|^2 / 2 of the nearest pose from other starts.
-            ends: (k, nq) poses where other searches have converged.
-        """
-        # least decrease by the next step, over the excess of |e|^2 / 2 over that of the best other search
-        least_progress = 0.1
-        is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
-        is_flat = step.decrease < LEAST_DECREASE * iterate.value
-        is_behind = step.decrease < least_progress * (iterate.value - least_value)
-        distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
-        is_on_their_branch = distances.min(initial=np.inf) < BRANCH_CORRECTION
-        repeats = is_on_their_branch and iterate.value > least_value
-        return bool(is_reached or is_flat or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
         """Return the pose after `count` steps, with its stops by the forces of the next `step`."""

@@ -160,12 +160,12 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
         posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
         closed, closing = assemble_mechanism(posed)
-    else:
-        if not mechanism.description.reference and not np.array_equal(closed.q_near, mechanism.q_near):
-            remarks.append(
-                "no reference is given, and from zero the loops close beyond the joints' limits; a search "
-                "within them has found the one that is printed: give it as `reference`"
-            )
+    moved_in = not np.array_equal(closed.q_near, mechanism.q_near)
+    if gap is None and moved_in and not mechanism.description.reference:
+        remarks.append(
+            "no reference is given, and from zero the loops close beyond the joints' limits; a search "
+            "within them has found the one that is printed: give it as `reference`"
+        )
     mechanism = closed
     try:
         return ParallelRobot.of(mechanism), gap, remarks

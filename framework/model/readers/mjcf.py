@@ -91,7 +91,10 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
     model.tree.left_out += left_out
     model.read_keyframe()
     model.read_equalities()
-    model.read_transmissions()
+    for k in range(model.compiled.nactuator):  # motors on hinges, slides and fixed tendons
+        model.read_motor(k)
+    for k in range(model.compiled.ntendon):
+        model.read_tendon(k)
     model.name_unread_effects()
     return describe(model.tree, file, options, "mjcf")
 
@@ -198,7 +201,15 @@ class _Model:
         tree = Tree(name, dict(zip(self.bodies, links, strict=True)))
         origins = list(_placements(model.body_pos, model.body_quat))
         for k in range(1, model.nbody):  # without the world
-            motions, end = self._joints_of_body(k, origins[k])
+            # MuJoCo's joint is at a point of the body, but a URDF's link has its origin in the joint before
+            # it: the chain of joints leads to the point before each joint, and back to the origin after it
+            motions = []
+            end = origins[k]  # (4, 4) of the body in its parent, then behind the last joint
+            first = model.body_jntadr[k]
+            for joint in self.joints[first : first + model.body_jntnum[k]]:
+                point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
+                motions.append(joint.urdf_joint(end @ placement(translation=point)))
+                end = placement(translation=-point)
             add_chain(tree, self.bodies[model.body_parentid[k]], motions, self.bodies[k], end, taken)
             if model.body_mass[k] or model.body_inertia[k].any():
                 axes = from_quaternion(*model.body_iquat[k])
@@ -212,24 +223,6 @@ class _Model:
                 sizes = {key: texts[key] for key in SIZES_OF_SHAPES[shape]}
                 links[model.geom_bodyid[k]].append(visual_element(shape, sizes, origin))
         return tree
-
-    def _joints_of_body(self, k: int, origin: Array) -> tuple[list[Joint], Array]:
-        """Return the joints between body k and its parent, and the body's placement behind the last one.
-
-        MuJoCo's joint is at a point `pos` of the body, but a URDF's link has its origin in the joint before
-        it. So the chain of joints leads to `pos` before each joint, and back to the origin after it.
-
-        Args:
-            origin: (4, 4) placement of the body in its parent.
-        """
-        first = self.compiled.body_jntadr[k]
-        motions = []
-        end = origin
-        for joint in self.joints[first : first + self.compiled.body_jntnum[k]]:
-            point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
-            motions.append(joint.urdf_joint(end @ placement(translation=point)))
-            end = placement(translation=-point)
-        return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the moment arms d length / d q of a joint or tendon, by joint.
@@ -349,14 +342,7 @@ class _Model:
             names = coordinates_of(joint.name, joint.kind)
             self.tree.reference |= zip(names, joint.coordinates_at(qpos), strict=True)
 
-    def read_transmissions(self) -> None:
-        """Read motors on hinges, slides and fixed tendons, and the fixed tendons themselves."""
-        for k in range(self.compiled.nactuator):
-            self._read_motor(k)
-        for k in range(self.compiled.ntendon):
-            self._read_tendon(k)
-
-    def _read_motor(self, k: int) -> None:
+    def read_motor(self, k: int) -> None:
         """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
         target = model.actuator_trnid[k, 0]  # index of the joint or tendon
@@ -387,7 +373,7 @@ class _Model:
             motor = Transmission(where, arms, gear, acting, self._force_limit(k, gear))
             self.tree.transmissions.append(motor)
 
-    def _read_tendon(self, k: int) -> None:
+    def read_tendon(self, k: int) -> None:
         """Read the dynamics of tendon k; of a spatial one its spring and damper between two sites."""
         model = self.compiled
         arms = self._moment_arms("tendon", k)

@@ -132,13 +132,29 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
     key_size = len(spec.keys[0].qpos) if spec.keys else 0  # of the file: the compiler changes the size
-    compiled, refused = _compile(spec)
+
+    # MuJoCo refuses bodies without mass, which get small stand-ins for the compilation, and some meshes
+    stand_in_mass = 1e-12  # [kg]; MuJoCo refuses less than 1e-15
+    stand_in_inertia = 1e-14  # [kg m^2]
+    least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia  # as the file states
+    spec.compiler.boundmass = max(least_mass, stand_in_mass)
+    spec.compiler.boundinertia = max(least_inertia, stand_in_inertia)
+    compiled = None
+    while compiled is None:
+        try:
+            compiled = spec.compile()
+        except ValueError as error:
+            left_out += _delete_refused_meshes(spec, _reorder_error(str(error)))
+    if least_mass < stand_in_mass:
+        compiled.body_mass[compiled.body_mass <= stand_in_mass] = 0.0
+    if least_inertia < stand_in_inertia:
+        compiled.body_inertia[compiled.body_inertia <= stand_in_inertia] = 0.0
     if key_size not in (0, compiled.nq):
         raise RobotFileError(
             f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {key_size}"
         )
     _apply_flags(mujoco, compiled)
-    return compiled, left_out + refused, unused
+    return compiled, left_out, unused
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
@@ -294,33 +310,6 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
         return False
     lowest, highest = body.compiler.inertiagrouprange
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
-
-
-def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
-    """Compile a specification without the meshes that MuJoCo refuses.
-
-    Bodies without mass get small stand-ins for the compilation, since MuJoCo refuses them.
-
-    Returns:
-        The compiled model, and the refused meshes as decisive unread elements.
-    """
-    stand_in_mass = 1e-12  # [kg] for bodies without mass; MuJoCo refuses less than 1e-15
-    stand_in_inertia = 1e-14  # [kg m^2]
-    least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia  # as the file states
-    spec.compiler.boundmass = max(least_mass, stand_in_mass)
-    spec.compiler.boundinertia = max(least_inertia, stand_in_inertia)
-    left_out: list[UnreadElement] = []
-    model = None
-    while model is None:
-        try:
-            model = spec.compile()
-        except ValueError as error:
-            left_out += _delete_refused_meshes(spec, _reorder_error(str(error)))
-    if least_mass < stand_in_mass:
-        model.body_mass[model.body_mass <= stand_in_mass] = 0.0
-    if least_inertia < stand_in_inertia:
-        model.body_inertia[model.body_inertia <= stand_in_inertia] = 0.0
-    return model, left_out
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:

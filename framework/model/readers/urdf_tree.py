@@ -541,7 +541,13 @@ class UrdfTree(Tree):
         arms_of_turn = {joint.name: 1.0 if joint in only_first else -1.0 for joint in joints}
         are_equal_turns = len(arms) > 1 and offset == 0.0 and arms == arms_of_turn and not products
         if are_equal_turns and self._are_parallel_hinges(joints):
-            self._close_turns(name, links, joints[0])
+            # each link gets a frame that is parallel to the base at zero joint positions. Equal turns keep
+            # both parallel: the closure locks their relative turn about the axis, which becomes their z axis
+            ends = []
+            for suffix, link in zip(("first", "second"), links, strict=True):
+                axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link
+                ends.append((suffix, link, placement(axes_of_base)))
+            self.close(name, ("rz",), ends, [self._turning_axis(joints[0])])
             return True
         coupled = {joint for product in equation for joint in product}
         if any(self.joints[joint].kind in COORDINATE_SUFFIXES for joint in coupled):
@@ -568,15 +574,3 @@ class UrdfTree(Tree):
             return False
         axes = np.array([self._turning_axis(joint) for joint in joints])
         return bool(np.linalg.norm(axes - axes[0], axis=1).max() <= FILE_ROUNDING)
-
-    def _close_turns(self, name: str, links: tuple[str, str], hinge: Joint) -> None:
-        """Add the loop equation that keeps the turns of two links about the axis of a hinge equal.
-
-        Each link gets a frame that is parallel to the base at zero joint positions. Equal turns keep both
-        frames parallel: the closure locks their relative turn about the axis, which becomes their z axis.
-        """
-        ends = []
-        for suffix, link in zip(("first", "second"), links, strict=True):
-            axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link
-            ends.append((suffix, link, placement(axes_of_base)))
-        self.close(name, ("rz",), ends, [self._turning_axis(hinge)])

@@ -72,7 +72,7 @@ def conditions_at(
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
     Each row times (1, z, u, u') must vanish, where z = (d sigma/dt)^2 and u = z'/2 [1/s^2] are those of the
-    law at sigma (prime: d/d sigma), and s = phi(sigma) is the position on the path. The first rows are
+    law at sigma (prime: d/d sigma), and s = phi(sigma) is the path coordinate. The first rows are
     condition (8) at each crossing point, t_s . W_p = 0: the wrench W_p that the platform requires does no
     work [N, N m] in the uncontrolled motion t_s. The last rows are the required speeds s' [1/s^2].
 

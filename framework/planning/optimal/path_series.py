@@ -15,7 +15,7 @@ torques. A bound of all distributions needs a nu orthogonal to internal torques:
 are then projected on the complement of internal torques. At a crossing c, cz, cu and d have poles along the
 same vector. All v, and their products with c, cz, cu and d, are therefore smooth at the crossing, and
 condition (8) needs no multiplier. The functions do not resolve if the path touches the locus, runs orthogonal
-to t_s, or lets several motions escape at once.
+to t_s, or loses hold of several motions at once.
 """
 
 from __future__ import annotations

@@ -349,7 +349,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)
         start += ", too fast to brake within the limits" if start else ""
-        reason = f"no law is admissible{start}: the torque of each peaks at {peak} times the limits or more"
+        reason = f"no law is admissible{start}: each needs {peak} times the torque limits or more"
         reason += ", if the speeds keep theirs" * least.together
     return NoLaw(reason, name=name, clauses=evidence.clauses, proof=proof, evidence=evidence)
 

@@ -148,7 +148,7 @@ def test_a_law_beyond_an_rms_torque_alone_is_refused_with_limits_that_do():
 def test_a_refusal_by_torques_advises_what_also_keeps_rms_torques():
     robot = robots.load("five_bar")
     limits = {"torque_limit": PAPERS, "rms_torque_limit": 0.08}
-    with pytest.raises(NoLaw, match=r"the torque of each peaks .* would do") as no:
+    with pytest.raises(NoLaw, match=r"each needs .* times the torque limits .* would do") as no:
         plan_crossing(robot, LINE, duration=0.5, **limits)
     longer = no.value.remedy["duration"]
     assert longer > 1.05 * plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS).duration
