@@ -136,13 +136,16 @@ def nearest_singular_pose(
     # prove that no singular pose is nearer
     radius = reach if nearest is None else float(np.linalg.norm(nearest[1]))
     proved = prove_regular_ball(robot, centre.q, centre.x, radius, max_cells=max_cells)
+    q_ends, z_ends = _locate_ends(centre, ended)  # of the segments in which the branch ends
+    is_type_1 = least_singular_values(type1_matrix(robot, linearised_at(robot, q_ends))) < TYPE_1_END
+    leg_end = float(np.linalg.norm(z_ends[is_type_1], axis=1).min(initial=np.inf))
     result = NearestSingularPose(
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
         asked=asked * unit_length,
         rays=len(directions),
-        leg_end=_type_1_distance(centre, ended) * unit_length,
+        leg_end=leg_end * unit_length,
     )
     if nearest is None:
         return result
@@ -265,17 +268,6 @@ def _nearest_singular(centre: _Centre, crossed: _RaySegments, reach: float) -> t
     candidates += [(q[k], z[k]) for k in np.flatnonzero(is_singular)[:1]]  # the nearest one, if any
     within_reach = [pose for pose in candidates if pose is not None and np.linalg.norm(pose[1]) <= reach]
     return min(within_reach, key=lambda pose: float(np.linalg.norm(pose[1])), default=None)
-
-
-def _type_1_distance(centre: _Centre, ended: _RaySegments) -> float:
-    """Compute the distance of the centre from the nearest Type 1 end; infinite without one.
-
-    The distance is in robot lengths and rad. `ended` are segments in which the branch ends.
-    """
-    q, z = _locate_ends(centre, ended)
-    matrices = type1_matrix(centre.robot, linearised_at(centre.robot, q))
-    is_type_1 = least_singular_values(matrices) < TYPE_1_END
-    return float(np.linalg.norm(z[is_type_1], axis=1).min(initial=np.inf))
 
 
 def _locate_ends(centre: _Centre, segments: _RaySegments) -> tuple[Array, Array]:

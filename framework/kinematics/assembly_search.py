@@ -71,7 +71,8 @@ def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -
     stated = mechanism.description
     tree = stated.urdf_text, stated.closures, stated.couplings, tuple(stated.reference.items())
     start = mechanism.q_near.tobytes(), mechanism.length, mechanism.limits, mechanism.rows.names
-    question = tree, start, mechanism.flexibility, None if near_platform is None else near_platform.tobytes()
+    near = None if near_platform is None else (stated.platform, near_platform.tobytes())
+    question = tree, start, mechanism.flexibility, near
     if question not in _ANSWERS:  # the proposals of one file ask the same again and again
         if len(_ANSWERS) == MAX_ANSWERS:
             _ANSWERS.clear()
