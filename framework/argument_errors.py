@@ -51,7 +51,7 @@ def explain_errors(function: Callable[P, R]) -> Callable[P, R]:
                 if (
                     name in numbers
                     and isinstance(value, PLAIN)
-                    and not (np.ndim(value) == 0 and _is_finite(value))
+                    and not (_is_finite(value) and np.ndim(value) == 0)
                 ):
                     raise InvalidInput(f"{name}: needs a finite number, got {short(value)}")
         try:

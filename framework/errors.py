@@ -259,7 +259,9 @@ def real_numbers(what: str, given: ArrayLike) -> Array:
         return given
     try:
         numbers = np.asarray(given)
-        if numbers.dtype.kind not in "bcSU":  # numpy would drop imaginary parts, read texts, and count truths
+        if (
+            numbers.dtype.kind not in "bcmMSU"
+        ):  # numpy would drop imaginary parts, read texts, and count truths
             return numbers.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
         pass
