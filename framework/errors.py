@@ -261,7 +261,7 @@ def real_numbers(what: str, given: ArrayLike) -> Array:
         numbers = np.asarray(given)
         if (
             numbers.dtype.kind not in "bcmMSU"
-        ):  # numpy would drop imaginary parts, read texts, and count truths
+        ):  # no truths, complex numbers, dates or texts, which numpy reads
             return numbers.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
         pass
