@@ -46,14 +46,10 @@ def explain_errors(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if numbers:
-            for name, value in (*zip(names, args, strict=False), *kwargs.items()):
-                if (
-                    name in numbers
-                    and isinstance(value, PLAIN)
-                    and not (_is_finite(value) and np.ndim(value) == 0)
-                ):
-                    raise InvalidInput(f"{name}: needs a finite number, got {short(value)}")
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()) if numbers else ():
+            is_one = name not in numbers or not isinstance(value, PLAIN) or _is_finite(value)
+            if not is_one or (name in numbers and np.ndim(value)):
+                raise InvalidInput(f"{name}: needs a finite number, got {short(value)}")
         try:
             return function(*args, **kwargs)
         except FrameworkError:
