@@ -48,7 +48,7 @@ def explain_errors(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         for name, value in (*zip(names, args, strict=False), *kwargs.items()) if numbers else ():
             is_one = name not in numbers or not isinstance(value, PLAIN) or _is_finite(value)
-            if not is_one or (name in numbers and np.ndim(value)):
+            if not is_one or (name in numbers and np.ndim(value)):  # type: ignore[arg-type]
                 raise InvalidInput(f"{name}: needs a finite number, got {short(value)}")
         try:
             return function(*args, **kwargs)
