@@ -1,6 +1,7 @@
 """Errors of a public function that name an argument of another type than its annotation.
 
-The check runs only after something has failed, so that a call that succeeds costs nothing.
+Single numbers are checked before the call: nan, infinity, truth values and texts are none. All else is
+checked only after something has failed, so that a call that succeeds costs nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from importlib import import_module
-from numbers import Integral, Real
+from numbers import Integral, Number, Real
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -26,6 +27,8 @@ SUCH_AS = {  # examples of what an annotation names
     "Sequence[CrossingPlan]": "[plan, next_plan]",
     "Quantities": '{"duration": lambda plan: plan.duration}',
 }
+SINGLE_NUMBERS = ("float", "int", "float | None", "int | None")  # annotations that are checked before a call
+PLAIN: Any = Number | str | list | tuple | np.ndarray  # values that may pass for a number
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -35,12 +38,18 @@ def explain_errors(function: Callable[P, R]) -> Callable[P, R]:
 
     Raises, when called:
         TypeError: an unknown option, with the similar one.
-        InvalidInput: an argument that does not fit its annotation, if the call failed by another error than
-            those of the package itself.
+        InvalidInput: a number that is none; or an argument that does not fit its annotation, if the call
+            failed by another error than those of the package itself.
     """
+    names = function.__code__.co_varnames
+    numbers = {name for name, wanted in function.__annotations__.items() if wanted in SINGLE_NUMBERS}
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()) if numbers else ():
+            is_one = name not in numbers or not isinstance(value, PLAIN) or _is_finite(value)
+            if not is_one or (name in numbers and np.ndim(value)):  # type: ignore[arg-type]
+                raise InvalidInput(f"{name}: needs a finite number, got {short(value)}")
         try:
             return function(*args, **kwargs)
         except FrameworkError:
@@ -80,7 +89,7 @@ def _fits(value: Any, wanted: ast.expr, function: Callable[..., Any]) -> bool:
         case ast.Name(id="Any" | "object"):
             return True
         case ast.Name(id="int"):
-            return isinstance(value, Integral)
+            return isinstance(value, Integral) and not isinstance(value, bool)
         case ast.Name(id="ArrayLike" | "Array" | "float" as kind):
             dimensions = {"ArrayLike": range(9), "Array": range(1, 9), "float": range(1)}
             return _is_finite(value) and np.ndim(value) in dimensions[kind]
@@ -103,7 +112,9 @@ def _fits(value: Any, wanted: ast.expr, function: Callable[..., Any]) -> bool:
 
 
 def _is_finite(value: Any) -> bool:
-    """Return whether a value is one or more real numbers that are finite, of any shape."""
+    """Return whether a value is one or more real numbers that are finite, of any shape; True is none."""
+    if isinstance(value, bool):
+        return False
     try:
         numbers = real_numbers("", float(value) if isinstance(value, Real) else value)
     except (InvalidInput, OverflowError):

@@ -259,7 +259,9 @@ def real_numbers(what: str, given: ArrayLike) -> Array:
         return given
     try:
         numbers = np.asarray(given)
-        if numbers.dtype.kind not in "cSU":  # numpy would drop imaginary parts, and read texts
+        if (
+            numbers.dtype.kind not in "bcmMSU"
+        ):  # no truths, complex numbers, dates or texts, which numpy reads
             return numbers.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError):
         pass

@@ -241,20 +241,15 @@ def _lay_out_table(
     for column, width in zip(columns, widths, strict=True):
         align = str.rjust if all(map(NUMBER.match, column[1:])) else str.ljust
         cells.append([[align(line, width) for line in wrap_line(cell, width, 0)] for cell in column])
-    head, *rows = (_join_cells(row, indent) for row in zip(*cells, strict=True))
+    joined = []  # the indented lines of each row
+    for row in zip(*cells, strict=True):
+        widths = [len(lines[0]) for lines in row]
+        padded = (map(str.ljust, line, widths) for line in itertools.zip_longest(*row, fillvalue=""))
+        joined.append([(" " * indent + GAP.join(line)).rstrip() for line in padded])
+    head, *rows = joined
     if colour:
         head = [add_colour(line, BOLD) for line in head]
     return list(itertools.chain(head, *rows))
-
-
-def _join_cells(cells: Sequence[list[str]], indent: int) -> list[str]:
-    """Join the cells of a row, each lines of one width, into indented lines."""
-    widths = [len(lines[0]) for lines in cells]
-    joined = []
-    for parts in itertools.zip_longest(*cells, fillvalue=""):
-        padded = map(str.ljust, parts, widths)
-        joined.append((" " * indent + GAP.join(padded)).rstrip())
-    return joined
 
 
 # ------------------------------------------------------------------ progress

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from framework.numerics.fields import MAX_ROWS, MIN_ROWS
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.joint_path import JointPath, flip_legs, is_flip, with_platform_joints
-from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, sample_times
+from framework.planning.motion_table import DEFAULT_ROWS, sample_times
 from framework.planning.options import MOTION
 from framework.planning.plan import law_before_proof, max_torque_ratio
 from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_facts, torque_text
@@ -145,7 +145,15 @@ def run_plan(options: Namespace) -> Report:
         document = plan_document(plan, out) | entries
         if folder is not None:
             options.progress.start("drawing the figures")
-            _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
+            from framework.show.plots import save_figures
+
+            motion = arguments.motion_rows(options, plan)
+            (folder / FILE).write_text(json_text(document))
+            (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
+            metadata = folder / f"{MOTION_FILE}-metadata.json"
+            metadata.write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
+            save_figures(plan, folder)
+            _write_vibrations(plan, folder)
     if replaced:
         options.written += replaced
     instants = _instants(plan, options)
@@ -244,17 +252,6 @@ def _describe_replaced(folder: FilePath) -> str:
             figures = " and its figures" * any((folder / name).exists() for name in FIGURE_FILES)
             return f", replaces the plan of {saved['robot']} over {saved['duration']} s{figures}"
     return ""
-
-
-def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, folder: FilePath) -> None:
-    """Write plan.json, motion.csv with its metadata, and figures."""
-    from framework.show.plots import save_figures
-
-    (folder / FILE).write_text(json_text(document))
-    (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
-    (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
-    save_figures(plan, folder)
-    _write_vibrations(plan, folder)
 
 
 def _write_vibrations(plan: CrossingPlan, folder: FilePath) -> None:
@@ -429,19 +426,14 @@ def report_raw(options: Namespace, robot: ParallelRobot, request: Request, folde
         "crossings": [select_fields(each, "s", "time", "wrench") for each in crossings],
     }
     if folder is not None:
-        _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
+        from framework.show.plots import plot_raw_torques, save_figure
+
+        rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
+        motors, springs = robot.actuator_names, robot.elastic_names
+        names = {"motor_angle": motors, "torque": motors, "deflection": springs}
+        write_csv(folder / "raw.csv", names, rows)
+        (folder / "raw.json").write_text(json_text(document))
+        poles = [crossing.time for crossing in crossings]
+        save_figure(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")
     head = RAW.format(robot, len(raw.time), torque_text(robot, largest))
     return document, [head, *map(SINGULAR.format, crossings)]
-
-
-def _write_raw(
-    raw: Any, robot: ParallelRobot, poles: list[float], document: Document, folder: FilePath
-) -> None:
-    """Write raw samples of the torques: a table, the document and a figure."""
-    from framework.show.plots import plot_raw_torques, save_figure
-
-    rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
-    motors, springs = robot.actuator_names, robot.elastic_names
-    write_csv(folder / "raw.csv", {"motor_angle": motors, "torque": motors, "deflection": springs}, rows)
-    (folder / "raw.json").write_text(json_text(document))
-    save_figure(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")

@@ -68,7 +68,13 @@ def run_robots(options: Namespace) -> Report:
             cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:
             robots.append(robot)
-            figures = _count_parts(robot)
+            diagnosis = check_robot(robot)
+            figures = {
+                "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
+                "loops": len(robot.description.closures),
+                "springs": len(robot.description.springs) + len(robot.description.line_springs),
+                "scenes": list(robot.description.scenes),
+            }
             *numbers, scenes = figures.values()
             cells = [*map(str, numbers), ", ".join(scenes)]
         about = select_fields(entry, "summary", "singularities", "source")
@@ -86,18 +92,6 @@ def run_robots(options: Namespace) -> Report:
         write_files({file: picture}, option="--picture", overwrite=options.overwrite)
         lines.append(f"drawn into {options.picture}")
     return {"robots": rows}, lines
-
-
-def _count_parts(robot: ParallelRobot) -> Document:
-    """Count freedoms, loops and springs of a robot, and list its scenes."""
-    description = robot.description
-    diagnosis = check_robot(robot)
-    return {
-        "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
-        "loops": len(description.closures),
-        "springs": len(description.springs) + len(description.line_springs),
-        "scenes": list(description.scenes),
-    }
 
 
 # ------------------------------------------------------------------ crossing check

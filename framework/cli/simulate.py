@@ -84,7 +84,11 @@ def run_simulate(options: Namespace) -> Report:
             _write_csv(result, plan, folder / "simulation.csv")
             if sensors is not None:
                 (folder / "sensors.csv").write_text(record_sensors(result, plan.torque, sensors).as_csv())
-    _check_on_path(result)
+    unit, allowed = _unit_and_limit(result)
+    tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
+    if tracking > allowed or turning > MOTION_OFF_PATH:
+        turned = "" if result.turning_error is None else f" and {turning:.3g} rad"
+        raise NoAnswer(OFF_PATH.format(result, f"{tracking:.3g} {unit}{turned}"))
     return document, simulation_lines(result)
 
 
@@ -92,18 +96,6 @@ def _unit_and_limit(result: Simulation) -> tuple[str, float]:
     """Return the unit of tracking errors, and the largest error on a path."""
     moves = result.robot.translations.any()
     return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
-
-
-def _check_on_path(result: Simulation) -> None:
-    """Refuse a simulation whose platform leaves the path."""
-    unit, allowed = _unit_and_limit(result)
-    tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
-    if tracking <= allowed and turning <= MOTION_OFF_PATH:
-        return
-    error = f"{tracking:.3g} {unit}"
-    if result.turning_error is not None:
-        error += f" and {turning:.3g} rad"
-    raise NoAnswer(OFF_PATH.format(result, error))
 
 
 def simulation_lines(result: Simulation) -> list[str]:

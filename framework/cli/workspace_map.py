@@ -180,7 +180,15 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
     if options.keep_limits and has_torque_limits(robot):
         names = [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
     quantities = choose_quantities(robot, names, options.wrench)
-    window = _choose_window(options, robot, path)
+    centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
+    size = options.size or EDGE_POSES
+    if options.window is None:
+        over = {"axes": options.over, "at": centre}
+        window = survey_window(robot, **over, size=size, keep_limits=options.keep_limits)
+    else:
+        axes = map_axes(robot, options.over)
+        bounds = finite_numbers("--window", options.window, 2 * len(axes))
+        window = Window(axes, bounds[::2], bounds[1::2], grid_shape(axes, size), map_point(robot, centre))
     if options.keep_limits:
         check_window(robot, window)
     keys = [quantity.key for quantity in quantities]
@@ -235,17 +243,6 @@ def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPos
         return None
     message = "--within: belongs to --nearest; give both, or leave it out"
     raise InvalidInput(message).advising({"within": None})
-
-
-def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
-    """Return the window of --window, or else of a survey of the reachable region."""
-    centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
-    size = options.size or EDGE_POSES
-    if options.window is None:
-        return survey_window(robot, axes=options.over, at=centre, size=size, keep_limits=options.keep_limits)
-    axes = map_axes(robot, options.over)
-    bounds = finite_numbers("--window", options.window, 2 * len(axes))
-    return Window(axes, bounds[::2], bounds[1::2], grid_shape(axes, size), map_point(robot, centre))
 
 
 def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:

@@ -41,32 +41,29 @@ from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.linearised_loops import scaled_loops
 from framework.kinematics.loop_ranges import align_bases
 from framework.numerics.arrays import Array
-from framework.numerics.fields import not_negative, positive
+from framework.numerics.fields import CheckedNumbers, NotNegative, Positive
 from framework.numerics.ordered_sums import matmul, matvec, solve
 
 # ------------------------------------------------------------------ controllers
 
 
 @dataclass(frozen=True)
-class Tuning:
+class Tuning(CheckedNumbers):
     """What a designer may choose of the controllers."""
 
     # [rad/s] of feedforward (each motor) and computed torque (the platform); None: 40 and 20, or less as the
     # delay demands
-    bandwidth: float | None = None
-    integral: float = 0.0  # [1/s] of feedforward and computed torque, against constant disturbances
+    bandwidth: Positive | None = None
+    integral: NotNegative = 0.0  # [1/s] of feedforward and computed torque, against constant disturbances
     # of lqr and lqg: torque corrections, as shares of the peak, that cost as much as a deviation of the
     # platform by 1e-3 robot lengths; a larger share gives faster control
-    torque_share: float = 0.3
+    torque_share: Positive = 0.3
     # of lqg: kinds of DISTURBANCES that are estimated; None: those of the spread of robots
     estimates: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check signs and names."""
-        if self.bandwidth is not None:
-            positive("bandwidth", self.bandwidth)
-        not_negative("integral", self.integral)
-        positive("torque_share", self.torque_share)
+        super().__post_init__()
         for name in self.estimates or ():
             check_choice("estimates", name, DISTURBANCES)
 

@@ -22,7 +22,7 @@ from framework.errors import InvalidInput, check_choice, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
 from framework.numerics.arrays import Array, IntArray
-from framework.numerics.fields import not_negative, positive
+from framework.numerics.fields import CheckedNumbers, NotNegative, Positive
 
 SENSORS = ("motors", "joints", "links", "elbows", "platform", "imu")
 STATE = "joints"  # the sensor of the whole state
@@ -33,29 +33,26 @@ IMU_NOISE = 0.05  # [m/s^2, rad/s^2] of measured accelerations
 
 
 @dataclass(frozen=True)
-class ControlLoop:
+class ControlLoop(CheckedNumbers):
     """Tolerances, torque limits and sensors of all runs.
 
     A run passes if the platform always stays within `tolerance` of the plan and ends within `end` of the end
     of the path.
     """
 
-    tolerance: float = 2.5e-3  # [robot lengths, rad]
-    end: float = 2.5e-3  # [robot lengths, rad]
+    tolerance: Positive = 2.5e-3  # [robot lengths, rad]
+    end: Positive = 2.5e-3  # [robot lengths, rad]
     # (n_a,) largest motor torques [N m, N]; None: those of the plan, or 10 times its peaks
     limit: tuple[float, ...] | None = None
     sensors: str = "motors"  # names of sensors between blanks, see the header
-    delay: float = 0.0  # [s] from measurement to torque, known, rounded to sampling periods
+    delay: NotNegative = 0.0  # [s] from measurement to torque, known, rounded to sampling periods
     # counts a turn of encoders, and a robot length of those of slides; 0: without steps
-    counts: float = 0.0  # of the motors, motor side
-    link_counts: float = 0.0  # of links and elbows
+    counts: NotNegative = 0.0  # of the motors, motor side
+    link_counts: NotNegative = 0.0  # of links and elbows
 
     def __post_init__(self) -> None:
         """Check tolerances, delay and counts, and that there are sensors."""
-        positive("tolerance", self.tolerance)
-        positive("end", self.end)
-        for name in ("delay", "counts", "link_counts"):
-            not_negative(name, getattr(self, name))
+        super().__post_init__()
         for name in str(self.sensors).split() or [""]:
             check_choice("sensors", name.partition(":")[0] if name.startswith("elbows:") else name, SENSORS)
 

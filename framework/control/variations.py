@@ -11,29 +11,30 @@ import pinocchio as pin
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.numerics.fields import not_negative
+from framework.numerics.fields import CheckedNumbers, NotNegative
 
 
 @dataclass(frozen=True)
-class Spread:
+class Spread(CheckedNumbers):
     """The spread of each quantity about the model, zero by default.
 
     The spread of a uniform distribution is its largest deviation, that of a normal distribution its standard
     deviation.
     """
 
-    payload: float = 0.0  # share of the platform body's inertia, uniform to both sides
-    stiffness: float = 0.0  # share of each spring's stiffness, uniform to both sides
-    places: float = 0.0  # [m] standard deviation of each coordinate of each joint's position
-    friction: float = 0.0  # Coulomb friction of each motor, share of the plan's peak torque, uniform from 0
-    delay: float = 0.0  # [s] from measurement to torque, uniform from 0, rounded to sampling periods
-    noise: float = 0.0  # [rad, robot lengths] standard deviation of each encoder
-    speed_noise: float = 0.0  # [rad/s, robot lengths/s] standard deviation of measured speeds
+    payload: NotNegative = 0.0  # share of the platform body's inertia, uniform to both sides
+    stiffness: NotNegative = 0.0  # share of each spring's stiffness, uniform to both sides
+    places: NotNegative = 0.0  # [m] standard deviation of each coordinate of each joint's position
+    friction: NotNegative = (
+        0.0  # Coulomb friction of each motor, share of the plan's peak torque, uniform from 0
+    )
+    delay: NotNegative = 0.0  # [s] from measurement to torque, uniform from 0, rounded to sampling periods
+    noise: NotNegative = 0.0  # [rad, robot lengths] standard deviation of each encoder
+    speed_noise: NotNegative = 0.0  # [rad/s, robot lengths/s] standard deviation of measured speeds
 
     def __post_init__(self) -> None:
         """Check that no deviation is negative, and that shares are below 1."""
-        for name, value in vars(self).items():
-            not_negative(name, value)
+        super().__post_init__()
         for name in ("payload", "stiffness"):
             if getattr(self, name) >= 1:
                 raise InvalidInput(f"{name}: must be a share below 1, got {getattr(self, name)!r}")

@@ -95,7 +95,10 @@ class DeflectionSplines(ReadOnlyArrays):
         first_cells = np.searchsorted(self.cells, self.panels)  # of the panels; the number of cells is last
         counts = np.diff(first_cells) + SPLINE_DEGREE  # splines on each panel
         centres = np.split(all_centres, np.cumsum(counts)[:-1])  # one array for each panel
-        points = [_subdivide(on_panel) for on_panel in centres]
+        points = []  # NODES_PER_SPLINE - 1 evenly between two neighbouring centres
+        for on_panel in centres:  # (k,) ascending
+            position = np.arange(NODES_PER_SPLINE * (len(on_panel) - 1) + 1) / NODES_PER_SPLINE
+            points.append(np.interp(position, np.arange(len(on_panel)), on_panel))
         # the cell of each point; a point on an edge of its panel stays in a cell of this panel
         cells = [
             np.clip(np.searchsorted(self.cells, p, side="right") - 1, first, following - 1)
@@ -162,12 +165,6 @@ class DeflectionSplines(ReadOnlyArrays):
         intervals = find_intervals(self.knots, SPLINE_DEGREE, p)
         values = spline_values(self.knots, SPLINE_DEGREE, intervals, p, order)
         return np.einsum("tj,tjc->tc", values, series[self.columns(intervals)])
-
-
-def _subdivide(points: Array) -> Array:
-    """Insert NODES_PER_SPLINE - 1 points evenly between two neighbours of ascending points (k,)."""
-    position = np.arange(NODES_PER_SPLINE * (len(points) - 1) + 1) / NODES_PER_SPLINE
-    return np.interp(position, np.arange(len(points)), points)
 
 
 class KnownDeflections(NamedTuple):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.dynamics.motor_friction import PlannedFriction
-from framework.errors import check_order, real_numbers
+from framework.errors import check_order, real_numbers, whole_number
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -171,5 +171,6 @@ class InverseDynamics(ReadOnlyArrays):
 
         They come from `motion`: derivatives of the series of offsets lose digits on short panels.
         """
+        whole_number("order", order, 1, 2)
         motion = self.motion(t)
         return motion.v if order == 1 else motion.a

@@ -38,6 +38,7 @@ from framework.tolerances import BOUND_MARGIN, LIMIT_MARGIN
 
 # Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
 BRACKET_RATIO = 2.0 * LIMIT_MARGIN
+IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, in turn
 MAX_MULTIPLE = 2.0**20  # beyond, the capacity counts as unbounded; below one over it, as zero
 
 
@@ -121,7 +122,13 @@ def largest_load_of(
     numbers = count(1)
     searched = search_path(robot, request.path)
     task = _Multiples(robot, request, searched, lambda: progress(next(numbers)))
-    return _bound_capacity(task, _bracket_capacity(task))
+    capacity = _bracket_capacity(task)
+    if not np.isfinite(capacity.refused):
+        return capacity
+    # the bound need not refute the refused multiple itself: it is not sharp, and a search may miss a law
+    multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)
+    refuted = (multiple for multiple in multiples if task.bound_peaks(multiple) > 1.0 + BOUND_MARGIN)
+    return replace(capacity, impossible=next(refuted, np.inf))
 
 
 class _Multiples(NamedTuple):
@@ -249,18 +256,3 @@ def _find_limit(peaks: Sequence[tuple[float, float]]) -> float | None:
         return None
     limit = m_1 - (p_1 - 1.0 + LIMIT_MARGIN) / slope
     return limit if 0.0 < limit < MAX_MULTIPLE else None
-
-
-def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Return the capacity with `impossible`, the least of a few multiples that a bound refutes.
-
-    The multiples are `impossible_ratios` times the refused one. The bound need not refute that one itself: a
-    search may miss a law, and the bound is not sharp.
-    """
-    # multiples over the refused one, in turn
-    impossible_ratios = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)
-    if not np.isfinite(capacity.refused):
-        return capacity
-    multiples = (ratio * capacity.refused for ratio in impossible_ratios)
-    refuted = (multiple for multiple in multiples if task.bound_peaks(multiple) > 1.0 + BOUND_MARGIN)
-    return replace(capacity, impossible=next(refuted, np.inf))

@@ -21,7 +21,7 @@ from framework.argument_errors import explain_errors
 from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, list_names, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
-from framework.numerics.fields import MAX_ROWS, not_negative, positive
+from framework.numerics.fields import MAX_ROWS, CheckedNumbers, NotNegative, Positive
 from framework.numerics.input import csv_rows, read_text
 from framework.simulation.simulate import Simulation
 from framework.tolerances import SAME_PLACE
@@ -232,27 +232,21 @@ def check_recording(recording: Recording) -> None:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class Sensors(CheckedNumbers):
     """Noise (standard deviations) and resolution (steps) of sensors, on the motor side; 0 for none.
 
     By default encoders have 16 bits per motor turn, or steps of a micrometre. Torques are known from motor
     currents to 1 % of each motor's largest torque. A tracker measures the platform to 20 micrometres.
     """
 
-    rate: float = 1000.0  # [Hz]
-    angle_noise: float = 0.0  # [rad or m]
-    angle_step: float = 2.0 * np.pi / 2**16  # [rad]
-    slide_step: float = 1e-6  # [m] of slides without a gear
-    torque_noise: float = 0.01  # share of the motor's largest torque
-    torque_step: float = 0.0  # share of the motor's largest torque
-    platform_noise: float = 2e-5  # [m]; for turns this is divided by the robot's length [rad]
+    rate: Positive = 1000.0  # [Hz]
+    angle_noise: NotNegative = 0.0  # [rad or m]
+    angle_step: NotNegative = 2.0 * np.pi / 2**16  # [rad]
+    slide_step: NotNegative = 1e-6  # [m] of slides without a gear
+    torque_noise: NotNegative = 0.01  # share of the motor's largest torque
+    torque_step: NotNegative = 0.0  # share of the motor's largest torque
+    platform_noise: NotNegative = 2e-5  # [m]; for turns this is divided by the robot's length [rad]
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Check that the rate is positive and all other values are not negative."""
-        for name, value in vars(self).items():
-            check = positive if name == "rate" else not_negative
-            check(f"sensors: {name}", value)
 
 
 def record_sensors(

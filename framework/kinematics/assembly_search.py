@@ -40,6 +40,7 @@ from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
+MAX_ANSWERS = 32  # of searches, which are remembered
 UNSTATED_WEIGHT = 0.05  # of the offset of a joint that the reference does not state
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
@@ -54,6 +55,9 @@ class ClosedPose(NamedTuple):
     farthest: str  # joint, of those that the reference states, and how far it is away, as in "knee 0.6 rad"
 
 
+_ANSWERS: dict[object, ClosedPose | NotAssembled] = {}  # by tree, start and limits
+
+
 def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -> ClosedPose:
     """Find a configuration that closes all loops within the joints' limits, springs at rest.
 
@@ -64,6 +68,26 @@ def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -
         NotAssembled: no start leads to a closed pose; the message names a loop equation and its least
             residual.
     """
+    stated = mechanism.description
+    tree = stated.urdf_text, stated.closures, stated.couplings, tuple(stated.reference.items())
+    start = mechanism.q_near.tobytes(), mechanism.length, mechanism.limits, mechanism.rows.names
+    near = None if near_platform is None else (stated.platform, near_platform.tobytes())
+    question = tree, start, mechanism.flexibility, near
+    if question not in _ANSWERS:  # the proposals of one file ask the same again and again
+        if len(_ANSWERS) == MAX_ANSWERS:
+            _ANSWERS.clear()
+        try:
+            _ANSWERS[question] = _search_closed_pose(mechanism, near_platform)
+        except NotAssembled as failure:
+            _ANSWERS[question] = failure.with_traceback(None)
+    answer = _ANSWERS[question]
+    if isinstance(answer, NotAssembled):
+        raise answer.with_changes()
+    return answer
+
+
+def _search_closed_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPose:
+    """Find a closed configuration, see `find_closed_pose`."""
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     for group in _group_loops(mechanism, lower, upper, near_platform):

@@ -40,6 +40,7 @@ from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, Rea
 from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import BRANCHES_MEET, EXPORT_ROUNDING, RANK_LOST, RANK_ROUNDING
 
+ODD_SIZE = 0.02  # of the largest entry of a row, below which, or above its inverse, the row is scaled
 DISTANCE_APART = 0.5  # [rad, robot lengths] of poses whose loops differ by more than rounding
 ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
 
@@ -99,7 +100,10 @@ class LoopStructure(ReadOnlyArrays):
         if varies:
             spanning = choose_rows(side_by_side, needed)
         rows = apart[0][spanning][:, moving]  # (R, moving) at the reference
-        span_sizes = _row_sizes(rows)
+        # divisors (R,) to unit size: a factor of an equation, as of another unit, makes none singular
+        sizes = np.abs(rows).max(axis=1, initial=0.0)
+        is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)
+        span_sizes = np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)
         row_space = np.zeros((mechanism.nv, len(independent)))
         row_space[moving] = row_space_basis(rows / span_sizes[:, None], len(independent))
         return LoopStructure(
@@ -240,19 +244,6 @@ def pivot_rows(matrix: Array) -> IntArray:
         direction = outside[order[chosen]] / max(distances.max(), LEAST_DIVISOR)
         outside -= np.outer(outside @ direction, direction)
     return order
-
-
-def _row_sizes(loops: Array) -> Array:
-    """Return divisors (m,) that bring rows of `loops` (m, columns) to unit size.
-
-    The divisor is the largest |entry| of the row, or 1 if this is between 0.02 and 50. Multiplying an
-    equation by a factor, as a change of unit does, must not make it look singular.
-    """
-    # rows are scaled to unit size if the largest entry is below this or above its inverse
-    odd_size = 0.02
-    sizes = np.abs(loops).max(axis=1, initial=0.0)
-    is_odd = (sizes < odd_size) | (sizes > 1 / odd_size)
-    return np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)
 
 
 def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:

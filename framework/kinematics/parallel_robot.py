@@ -7,6 +7,7 @@ depends on q. A column is an index into pinocchio's velocity vector (nv,).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -17,8 +18,9 @@ from framework.errors import FrameworkError, NotAssembled, SingularReference, ex
 from framework.kinematics.assembly import Configuration, nearby_configurations, remark_on_turns
 from framework.kinematics.assembly_search import find_closed_pose
 from framework.kinematics.couplings import coupling_jacobian, coupling_pattern
-from framework.kinematics.frames import FrameStack, frames_at, scratch_of
+from framework.kinematics.frames import FrameStack, frames_at, integrate, scratch_of
 from framework.kinematics.loop_structure import (
+    DISTANCE_APART,
     LoopStructure,
     assemble_mechanism,
     jacobians_apart,
@@ -81,6 +83,12 @@ class ParallelRobot(Mechanism):
             refuse_singular_reference(mechanism, passive, poses, matrices)
         except SingularReference as refusal:
             served = [pose for pose in refusal.poses if advises and cls._serves(mechanism, pose)]
+            if advises and not served:  # of many legs, poses nearby free some only
+                step = DISTANCE_APART * np.isin(np.arange(mechanism.nv), mechanism.joints)  # (nv,)
+                start = integrate(mechanism, closed.q, step * mechanism.column_scale)
+                with suppress(NotAssembled):
+                    pose = mechanism.printed_reference(find_closed_pose(mechanism.with_nearby_pose(start)).q)
+                    served = [pose] if cls._serves(mechanism, pose) else []
             raise SingularReference(
                 mechanism.name, rows=refusal.rows, joints=refusal.joints, poses=served
             ).advising({"reference": served[0]} if served else None) from None

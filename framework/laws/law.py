@@ -18,7 +18,14 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.errors import LARGEST_NUMBER, InvalidInput, check_order, real_numbers, whole_number
+from framework.errors import (
+    LARGEST_NUMBER,
+    InvalidInput,
+    check_order,
+    finite_numbers,
+    real_numbers,
+    whole_number,
+)
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, read_only
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.numerics.ordered_sums import solve
@@ -30,9 +37,9 @@ NO_HIGH = read_only(np.empty(0))  # coefficients of a law of least degree above 
 
 def check_duration(duration: float) -> None:
     """Raise InvalidInput unless a duration is a number in [1 / LARGEST_NUMBER, LARGEST_NUMBER] s."""
-    if not (is_number(duration) and duration > 0):
-        raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
     shortest = 1.0 / LARGEST_NUMBER
+    if (type(duration) is not float and not is_number(duration)) or not duration > 0:
+        raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
     if not shortest <= duration <= LARGEST_NUMBER:
         raise InvalidInput(f"duration: must lie in [{shortest:g}, {LARGEST_NUMBER:g}] s, got {duration!r}")
 
@@ -230,6 +237,16 @@ class Law(ReadOnlyArrays, PlannedLaw):
     duration: float
 
     kind: ClassVar[str] = "polynomial"
+
+    def __post_init__(self) -> None:
+        """Refuse a duration that is not positive, and coefficients that are no finite numbers in a row."""
+        ReadOnlyArrays.__post_init__(self)
+        check_duration(self.duration)
+        values = self.coefficients
+        is_row = type(values) is np.ndarray and values.dtype == float and values.ndim == 1 and values.size
+        if not is_row or not values @ values <= LARGEST_NUMBER**2:
+            values = finite_numbers("coefficients", values, np.size(values) or 1)
+            self.__dict__["coefficients"] = read_only(values)
 
     @property
     def edges(self) -> Array:

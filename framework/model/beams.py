@@ -21,7 +21,7 @@ bending, and its axial stiffness x is the same at the tip.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 from warnings import warn
 from xml.etree.ElementTree import ParseError, fromstring
@@ -35,21 +35,16 @@ from framework.model.robot_file_writer import record_entry as spring_entry
 from framework.model.urdf_edits import urdf_text as text_of
 from framework.model.urdf_elements import Joint, read_tree
 from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.fields import check_distinct, positive
+from framework.numerics.fields import CheckedNumbers, Positive, check_distinct, positive
 from framework.tolerances import BEAM_NEAR_MINUS_X, FILE_ROUNDING
 
 
 @dataclass(frozen=True)
-class Material:
+class Material(CheckedNumbers):
     """Moduli of elasticity `E` and of shear `G` [Pa]."""
 
-    E: float
-    G: float
-
-    def __post_init__(self) -> None:
-        """Refuse moduli that are not positive."""
-        positive("E", self.E)
-        positive("G", self.G)
+    E: Positive
+    G: Positive
 
     @staticmethod
     def isotropic(E: float, poisson: float) -> Material:
@@ -66,25 +61,19 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(CheckedNumbers):
     """A cross-section: area `A` [m^2], second moments `Iy`, `Iz` and torsion constant `J` [m^4].
 
     `Iy` resists bending about y (displacement along z). `shear_y` and `shear_z` are Timoshenko's shear
     factors; None leaves shear out (Euler-Bernoulli).
     """
 
-    A: float
-    Iy: float
-    Iz: float
-    J: float
-    shear_y: float | None = None
-    shear_z: float | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse values that are not positive."""
-        for name, value in asdict(self).items():
-            if value is not None:
-                positive(name, value)
+    A: Positive
+    Iy: Positive
+    Iz: Positive
+    J: Positive
+    shear_y: Positive | None = None
+    shear_z: Positive | None = None
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0) -> Section:

@@ -14,7 +14,7 @@ from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from functools import partial
 from numbers import Real
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from framework.errors import LARGEST_NUMBER, InvalidInput, RobotFileError, check_name, choose_from, short
 
@@ -235,6 +235,21 @@ integer = _restrict(
 whole = _restrict(integer, lambda value: value >= 0, "must not be negative")
 positive = _restrict(number, lambda value: value > 0, "must be greater than zero")
 not_negative = _restrict(number, lambda value: value >= 0, "must not be negative")
+Positive: TypeAlias = float  # annotations of numbers that `CheckedNumbers` checks
+NotNegative: TypeAlias = float
+CHECKS = {"Positive": positive, "NotNegative": not_negative}
+
+
+class CheckedNumbers:
+    """Base of frozen dataclasses whose numbers are checked, and stored as floats, by their annotations."""
+
+    def __post_init__(self) -> None:
+        """Check each number; None is valid where its annotation says so."""
+        for field in fields(self):  # type: ignore[arg-type]
+            kind, _, or_none = str(field.type).partition(" | ")
+            value = getattr(self, field.name)
+            if kind in CHECKS and not (or_none and value is None):
+                object.__setattr__(self, field.name, CHECKS[kind](field.name, value))
 
 
 def vector3(where: str, raw: Any) -> tuple[float, float, float]:

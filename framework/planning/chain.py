@@ -271,8 +271,8 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
     x, *rates = (value / scale for value in motion)
     if np.abs(by_s[0] - x).max() > SEAM_JUMP:
         raise InvalidInput(
-            f"path: starts at {path(0.0).tolist()}, the platform is at {motion[0].tolist()}; let it start at "
-            f"plan.platform(t), whose digits must not be rounded, or give a goal in place of the path"
+            f"path: starts at {path(0.0).tolist()}, the platform is at {motion[0].tolist()}; a restart takes "
+            f"a path that starts at all digits of plan.platform(t), or a goal"
         )
     derivatives = list[Array]()
     for order, rate in enumerate(rates, start=1):
@@ -284,7 +284,7 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
             raise InvalidInput(
                 f"path: its derivative of order {order} by s at its start does not follow the motion of the "
                 f"platform, dx/dt = {motion[1].tolist()}: it is off by {miss * scale.max():.2g}; "
-                f"a goal in place of the path asks for a curve that follows it"
+                f"a restart takes a path that follows it, or a goal"
             )
         if order == 1 and not derivatives[0] > 0.0:
             raise InvalidInput(
@@ -366,27 +366,27 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
             f"plans: of {robot.name}, {robot.flexibility}, and of {other.name}, {other.flexibility}"
         )
     samples = np.linspace(0.0, plan.duration, 201)
-    meet = "; let it start at this plan's end, or where times leave it"
-    corner = "; let both rest there, or plan one path whose corner is round, such as a Polyline with a blend"
-    go_on = "; plan.restart(t, goal) plans on from the motion at t"
     compared = [  # the cause before what follows from it
-        ("platform", CrossingPlan.platform, 0, meet),
-        ("motor angle", CrossingPlan.motor_angle, 0, go_on),
-        ("platform", CrossingPlan.platform, 1, corner),
-        ("platform", CrossingPlan.platform, 2, go_on),
-        ("torque", CrossingPlan.torque, 0, go_on),
-        *(("deflection", CrossingPlan.deflection, order, go_on) for order in range(2) if robot.n_e),
+        ("platform", CrossingPlan.platform, 0),
+        ("motor angle", CrossingPlan.motor_angle, 0),
+        ("platform", CrossingPlan.platform, 1),
+        ("platform", CrossingPlan.platform, 2),
+        ("torque", CrossingPlan.torque, 0),
+        *(("deflection", CrossingPlan.deflection, order) for order in range(2) if robot.n_e),
     ]
-    for quantity, function, order, remedy in compared:
+    for quantity, function, order in compared:
         jump = np.abs(function(following, 0.0, order) - function(plan, t, order)).max()
         size = np.abs(function(plan, samples, order)).max()
         if jump > SEAM_JUMP * SEAM_JUMP_GROWTH**order * size:
             what = quantity if order == 0 else f"time derivative of order {order} of the {quantity}"
             shared = specification_of(robot, plan.request).shares_freely and quantity == "torque"
-            hint = "; plan both with torque_sharing least_norm, which depends on the motion alone"
+            why = "the next plan begins with the motion at which this one is left"
+            if order == 1 and quantity == "platform":
+                why = "a corner is passed at rest"
+            elif shared:
+                why = "of torque_sharing, least_norm alone depends on the motion alone"
             raise InvalidInput(
-                f"plans: at t = {t:g} s the {what} jumps by {jump:.2g}, its size is {size:.3g}"
-                f"{hint if shared else remedy}"
+                f"plans: at t = {t:g} s the {what} jumps by {jump:.2g}, its size is {size:.3g}: {why}"
             )
 
 

@@ -100,6 +100,19 @@ def test_the_refusal_names_rows_joints_and_poses_that_will_do():
     assert ways == {True, False}  # one on either branch
 
 
+def test_where_no_pose_nearby_will_do_one_apart_is_sought(monkeypatch):
+    """As of a walking robot with four flat legs, of which steps at random free some only."""
+    serves = ParallelRobot._serves
+    far = staticmethod(lambda mechanism, pose: abs(pose["joint2"]) > 0.2 and serves(mechanism, pose))
+    monkeypatch.setattr(ParallelRobot, "_serves", far)
+    with pytest.raises(SingularReference, match="give a reference beside it") as caught:
+        four_bar(0, 0, 0)
+    (pose,) = caught.value.poses
+    assert abs(pose["joint2"]) > 0.2
+    robot = four_bar(*pose.values())
+    assert np.abs(openings(robot, robot.reference.q[None])).max() < 1e-14
+
+
 def test_check_says_so_and_describes_a_pose_beside():
     found = check_robot(mechanism(0, 0, 0))
     assert (found.mobility, found.rank, found.idle_joints) == (1, 2, ())

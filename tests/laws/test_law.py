@@ -83,6 +83,28 @@ def test_the_law_is_the_one_of_fifty_digits_in_between(degree, smoothness, inner
             np.testing.assert_allclose(law(times, order), exact, rtol=0, atol=_rounding(law, order))
 
 
+@pytest.mark.parametrize("duration", [np.nan, np.inf, 0.0, -1.0, True, "1", None, [1.0], 10**400])
+def test_a_law_is_not_made_for_what_is_no_duration(duration):
+    with pytest.raises(InvalidInput, match="duration"):
+        Law(np.array([0.5, 0.5]), duration)
+
+
+@pytest.mark.parametrize(
+    "values", [[np.nan, 0.5], [0.5, np.inf], [], [[0.5, 0.5]], 0.5, True, "ab", [1j, 0.0]]
+)
+def test_a_law_is_not_made_of_what_are_no_coefficients(values):
+    with pytest.raises(InvalidInput, match="coefficients"):
+        Law(values, 1.0)
+    with pytest.raises(InvalidInput, match="coefficients"):
+        Law(np.array(values), 1.0)
+
+
+def test_a_list_of_coefficients_is_stored_as_an_array():
+    law = Law([0.5, 0.5], 2)
+    assert law.coefficients.dtype == float
+    assert law(1.0) == 0.5
+
+
 def test_derivatives_have_the_shape_of_the_times():
     law = Law.rest_to_rest(DURATION, 4, ONE)
     for t in (0.3, np.array(0.3), np.full(3, 0.3), np.full((2, 3), 0.3)):

@@ -175,7 +175,7 @@ def test_plans_that_do_not_meet_are_no_chain():
     plan = plan_crossing(robot, PATH, duration=1.5)
     with pytest.raises(InvalidInput, match="the platform jumps by"):
         chain_plans([plan, plan])
-    with pytest.raises(InvalidInput, match="goal in place of the path"):
+    with pytest.raises(InvalidInput, match="a restart takes a path that starts at all digits"):
         plan.restart(0.5, Line(plan.platform(0.5) + 1e-7, [0.0, 0.2]), duration=1.0)
     corner = [0.08, 0.32]
     legs = [Line([0.1, 0.345], corner), Line(corner, [0.12, 0.3])]
@@ -183,7 +183,7 @@ def test_plans_that_do_not_meet_are_no_chain():
         plan_crossing(robot, legs[0], duration=1.0, end_speed=0.5),
         plan_crossing(robot, legs[1], duration=1.0, start_speed=0.5),
     ]
-    with pytest.raises(InvalidInput, match=r"order 1 of the platform jumps .*let both rest there"):
+    with pytest.raises(InvalidInput, match=r"order 1 of the platform jumps .*a corner is passed at rest"):
         chain_plans(moving)
     assert chain_plans([plan_crossing(robot, leg, duration=1.0) for leg in legs]).duration == 2.0
     with pytest.raises(InvalidInput, match="at least two"):

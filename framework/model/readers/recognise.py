@@ -169,7 +169,13 @@ def _from_yaml(
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
     if "closures" in content and content.keys().isdisjoint(("version", "urdf", "platform")):
-        return _from_loop_closures(path, content, options)
+        from framework.model.readers.urdf import read_urdf
+
+        urdf = _find_urdf(path)
+        if not urdf.is_file():
+            raise RobotFileError("a list of closures: give the URDF that they are of")
+        with prefix_errors(urdf.name):
+            return read_urdf(urdf, _parse_urdf(urdf), options, content)
     if not content.keys().isdisjoint(_OWN_KEYS):
         return _complete_own_file(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
@@ -184,17 +190,6 @@ def _from_yaml(
         tree, _ = read_urdf_tree(_parse_urdf(urdf), base=options.base)
     tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
     return gepetto.read_pair(path, content, tree, options)
-
-
-def _from_loop_closures(path: Path, content: Mapping[str, Any], options: Options) -> ParsedRobot:
-    """Read the URDF beside the loop_closures.yaml `path`, whose `content` lists closures."""
-    from framework.model.readers.urdf import read_urdf
-
-    urdf = _find_urdf(path)
-    if not urdf.is_file():
-        raise RobotFileError("a list of closures: give the URDF that they are of")
-    with prefix_errors(urdf.name):
-        return read_urdf(urdf, _parse_urdf(urdf), options, content)
 
 
 def _parse_urdf(urdf: Path) -> Element:

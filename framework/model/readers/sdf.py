@@ -266,16 +266,12 @@ def _read_motions(scope: Scope, name: str, kind: str) -> list[Joint]:
     motions = []
     for suffix, motion, tag in _MOTIONS_OF_KIND.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
-        limits, dynamics = _read_limits(element, name, tag), _read_dynamics(element, name, tag)
+        paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS_TAGS}
+        damping, friction, stiffness, rest = _read_values(element, f"joint {name!r}", paths)
+        dynamics = JointDynamics(0.0, damping, friction, stiffness, rest if stiffness else 0.0)
+        limits = _read_limits(element, name, tag)
         motions.append(Joint(name + suffix, motion, axis=axis, limits=limits, dynamics=dynamics))
     return motions or [Joint(name, kind)]
-
-
-def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
-    """Read damping, friction and spring along the axis of a joint in the element `tag`."""
-    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS_TAGS}
-    damping, friction, stiffness, rest = _read_values(joint, f"joint {name!r}", paths)
-    return JointDynamics(0.0, damping, friction, stiffness, rest if stiffness else 0.0)
 
 
 def _read_axis(scope: Scope, name: str, tag: str) -> Array:

@@ -9,6 +9,7 @@ Source: sdformat.org, "Pose frame semantics".
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +35,10 @@ WORLD, MODEL_FRAME = "world", "__model__"  # SDF's names of the world's frame an
 TRUE_TEXTS = ("true", "1")  # texts of true
 BALL_CONSTRAINT = "ball_constraint"
 _CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # types of joints by Drake's elements
+
+_SDF_OF_CONFIG = re.compile(
+    r"<sdf(?:\s+version=['\"]([\d.]*)['\"])?\s*>\s*([^<>]*[^<>\s])\s*</sdf>"
+)  # version, file
 
 
 @dataclass
@@ -142,8 +147,10 @@ def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: s
         # beside the file, in the folder above, or in `models` there, as in packages of ROS
         places = (folder / uri, folder.parent / uri, folder.parent / "models" / uri)
         file = next((place for place in places if place.exists()), places[0])
-        if file.is_dir():
-            file = file / "model.sdf"
+        if file.is_dir():  # its model.config names a file for each version of SDF
+            config = file / "model.config"
+            text = read_text(config, "cannot read it", error=RobotFileError) if config.is_file() else ""
+            file = file / max(_SDF_OF_CONFIG.findall(text), default=("", "model.sdf"))[1]
         if not file.is_file():
             scope.unread.append(f"<include> {uri}")  # often scenery, such as a ground plane
             continue

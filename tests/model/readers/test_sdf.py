@@ -260,11 +260,21 @@ def test_poses_and_axes_are_relative_to_what_sdformat_says(tmp_path, version, wi
     np.testing.assert_allclose(twist[:3], np.cross(expected, arm), atol=1e-15)
 
 
-def test_nested_models_are_included_from_beside_the_file(tmp_path):
+@pytest.mark.parametrize(
+    ("file", "config"),
+    [
+        ("model.sdf", ""),
+        ("new.sdf", "<model><sdf version='1.4'>old.sdf</sdf><sdf version='1.9'> new.sdf </sdf></model>"),
+        ("arm.sdf", '<!-- a licence first --><?xml version="1.0"?><model><sdf>arm.sdf</sdf></model>'),
+    ],
+)
+def test_nested_models_are_included_from_beside_the_file(tmp_path, file, config):
     (tmp_path / "arm").mkdir()
-    (tmp_path / "arm" / "model.sdf").write_text(
+    (tmp_path / "arm" / file).write_text(
         '<sdf version="1.9"><model name="arm"><link name="1"/></model></sdf>'
     )
+    if config:
+        (tmp_path / "arm" / "model.config").write_text(config)
     joint = '<joint name="{}" type="{}"><parent>base</parent><child>{}</child></joint>'
     text = (
         '<sdf version="1.9"><world name="w"><model name="m"><link name="base"/>'
