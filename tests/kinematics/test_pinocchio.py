@@ -152,7 +152,6 @@ def test_a_plan_of_a_model_in_memory_is_not_saved_without_a_robot_file(tmp_path:
 def test_what_pinocchio_or_a_robot_cannot_hold_is_refused() -> None:
     model, _ = hand_made()
     for closures, error, words in (
-        ([], InvalidInput, "closures"),
         ([("a_tip", "c_tip")], InvalidInput, "c_tip.*did you mean"),
         ([("a_tip", "b_tip", "sperical")], InvalidInput, "did you mean 'spherical'"),
         (["a_tip"], InvalidInput, r"closures\[0\].*two frames and a kind"),
