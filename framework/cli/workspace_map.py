@@ -213,7 +213,7 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
             options.progress.start("drawing the figures")
             # workers of dask may be elsewhere, and the files are of this machine
             _write_files(workspace, folder, path, None if options.dask else executor)
-    return _report_map(workspace, margin)
+    return _report_map(workspace, margin, is_whole=options.window is None)
 
 
 def _write_files(
@@ -245,19 +245,28 @@ def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPos
     raise InvalidInput(message).advising({"within": None})
 
 
-def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
-    """Return a map as a document, and in text its counts, locus and statistics."""
+def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None, *, is_whole: bool) -> Report:
+    """Return a map as a document, and in text its counts, locus and statistics.
+
+    Args:
+        is_whole: whether the window was chosen to hold all that is reached.
+    """
     robot = workspace.robot
     window = workspace.window
     size = " x ".join(map(str, window.shape[: len(window.axes)]))
     document = {**map_document(workspace), "seconds": workspace.seconds}
     bounds = zip(window.axes, window.lower, window.upper, strict=True)
     spans = ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in bounds)
-    lines = [f"{robot.name}: {size} poses, {spans}, {workspace.seconds:.2f} s", "  poses\tcount"]
+    cut = ""
+    if edges := workspace.open_edges:
+        axes = list(window.axes)
+        ends = np.abs(np.array([window.lower, window.upper]) - window.constants[axes])
+        reach = (ends / robot.platform_scale[axes]).max()
+        far = f", {reach:.2g} robot lengths or rad away" if is_whole else " (--window)"
+        cut = f"; more may be reached beyond its {', '.join(edges)}{far}"
+    lines = [f"{robot.name}: {size} poses, {spans}, {workspace.seconds:.2f} s{cut}", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
-    if edges := workspace.open_edges:
-        lines.append(f"  more may be reached beyond the window's {', '.join(edges)} (--window)")
     lines.append(f"  locus: {workspace.locus_sentence}, {workspace.locus.seconds:.2f} s")
     if len(window.axes) == 1:
         lines += [f"  singular: {each.kind} at {robot.place(each.x[0])}" for each in workspace.locus.curves]

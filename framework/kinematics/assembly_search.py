@@ -35,7 +35,7 @@ from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.numerics.arrays import Array, IntArray, select
+from framework.numerics.arrays import Array, IntArray, read_only, select
 from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP, SAME_PLACE
 
@@ -111,7 +111,7 @@ def _search_closed_pose(mechanism: Mechanism, near_platform: Array | None) -> Cl
         start = np.clip(0.0, group.lower, group.upper)  # q, but for joints beyond their range by rounding
         offsets[group.columns], _residual = group.close(start)
     q = integrate(there, there.q_near, offsets * there.column_scale)
-    return ClosedPose(q, f"{name} {abs(step[farthest]):.3g} {unit}")
+    return ClosedPose(read_only(q), f"{name} {abs(step[farthest]):.3g} {unit}")  # it is remembered
 
 
 def can_close(

@@ -311,6 +311,7 @@ def test_levels_of_an_upright_robot_make_one_motion_and_its_motors_have_controll
     assert study.levels[-1].platform < 1e-3 * study.tolerance
     assert level(study, "payload").torque > study.tolerance
     assert level(study, "payload").reason.startswith("10 % off its path, and lost")
+    assert f"e-fold every {1.5 / study.fall:.2g} s" in "\n".join(fidelity_lines(study))
     assert "so the motors have controllers" in "\n".join(fidelity_lines(study))
 
 

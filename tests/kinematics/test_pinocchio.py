@@ -159,6 +159,10 @@ def test_what_pinocchio_or_a_robot_cannot_hold_is_refused() -> None:
     ):
         with pytest.raises(error, match=words):
             ParallelRobot.from_pinocchio(model, closures, **ASKED)
+    open_tree = ParallelRobot.from_pinocchio(model, [], **ASKED)
+    assert open_tree.rows.names == ()
+    with pytest.raises(InvalidInput, match=r"0 independent loop equations.*as many platform axes as degrees"):
+        plan_crossing(open_tree, Line([0.1, 0.345], [-0.05, 0.195]), duration=1.0)
     with pytest.raises(InvalidInput, match="reference, the model's q, must be 4 finite numbers"):
         ParallelRobot.from_pinocchio(model, [("a_tip", "b_tip")], **ASKED | {"reference": [0.0]})
     model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "cart")

@@ -54,6 +54,9 @@ def test_both_elbows_flip_through_one_singular_point():
     assert np.count_nonzero(turns_over) == 1
     peaks = np.abs(plan.torque(np.linspace(0.0, plan.duration, 5001))).max(axis=0)
     np.testing.assert_allclose(list(plan.peak_torque.values()), peaks, rtol=1e-5)
+    # of a robot file that declares the elbows as platform, by another version of the program
+    assert crossing.s == pytest.approx(0.675983, abs=1e-6)
+    assert peaks.max() == pytest.approx(0.127, abs=1e-3)
     assert plan.certificate.tail < 1e-10
     assert simulate(plan).tracking_error < 1e-10
     defect = defects_of(plan)
@@ -95,6 +98,7 @@ def test_the_quickest_flip_within_limits():
     largest = np.abs(plan.torque(np.linspace(0.0, plan.duration, 5001))).max(axis=1)
     assert largest.max() <= limit
     assert np.mean(largest > 0.98 * limit) > 0.9
+    assert plan.duration == pytest.approx(0.936, abs=2e-3)  # as the other version
     # at the default tolerance the integration's own error is 1e-10, through the singular point
     assert simulate(plan, tolerance=1e-13).tracking_error < 1e-10
 
