@@ -24,7 +24,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.continuation.path_sheet import SHEET_NODES, panel_nodes
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.chebyshev import coefficients, derivative_matrix, extrema, real_roots, tail
+from framework.numerics.chebyshev import coefficients, derivative_matrix, evaluate, extrema, real_roots, tail
 from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import (
     Border,
@@ -125,10 +125,8 @@ class Panel:
     def matrix(self, s: float) -> Array:
         """Interpolate the matrix (n, n) at s."""
         local = (2 * s - self.start - self.end) / self.width  # in [-1, 1]
-        polynomials = chebyshev.chebvander(np.array([local]), SHEET_NODES - 1)[0]  # (SHEET_NODES,)
-        # columns of `coefficients(eye)` are the series of the cardinal functions of the nodes
-        weights = polynomials @ coefficients(np.eye(SHEET_NODES))  # (SHEET_NODES,) of the nodes' matrices
-        return np.tensordot(weights, self.matrices, axes=1)
+        series = coefficients(self.matrices.reshape(SHEET_NODES, -1))  # (SHEET_NODES, n n)
+        return evaluate(np.array([local]).clip(-1.0, 1.0), series).reshape(self.matrices.shape[1:])
 
 
 def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
