@@ -360,12 +360,14 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length
     best = f"{group.rows.names[row]} stays {residual:.3g} {unit} apart"
+    advice = "check the link lengths and the closures, or give a reference near to an assembled configuration"
+    if np.abs(group.slope(u)[row]).max() < LOOP_GAP:  # as across the plane of a planar loop
+        advice = "no joint changes this gap: place the two frames alike along it"
     if gap[row] < LOOP_GAP:  # the equations are closed, so a closure must be flipped
         best = f"{find_flipped_closure(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
-        f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "
-        f"reference near to an assembled configuration",
+        f"leads to a closed pose; in the best {best}; {advice}",
         name=mechanism.name,
         q=q,
         residual=residual,
