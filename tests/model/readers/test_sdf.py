@@ -499,7 +499,7 @@ def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: 
 
 @pytest.mark.parametrize("crank", [0.0, 0.7])
 def test_a_joint_of_drake_stands_in_a_frame_of_each_link(tmp_path, crank):
-    """A four-bar that is drawn apart: the rocker's angle by the law of cosines. Its one motor has no limit."""
+    """A four-bar that is drawn apart: the rocker's angle by the law of cosines. The motor is not limited."""
     a, b, c, d = 0.1, 0.35, 0.2, 0.3  # [m] crank along x at zero, coupler along x, rocker along x, ground
     links = "".join(
         f'<link name="{name}"><pose>{k} {k} {k} 0 0 {k}</pose>{INERTIAL.format(x=0.05, m=1)}</link>'
