@@ -180,7 +180,7 @@ class ElasticSearch:
         """Return the best motion; raise NoLaw or NotConverged if there is none."""
         best = None
         try:
-            for best in self._find_motions():
+            for best in self.find_motions():
                 report_result(best.describe_cost(self.task.specification.goal))
         except SearchEnded:
             if best is None:
@@ -188,7 +188,7 @@ class ElasticSearch:
         assert best is not None
         return best
 
-    def _find_motions(self) -> Iterator[OptimalMotion]:
+    def find_motions(self) -> Iterator[OptimalMotion]:
         """Yield motions within the limits, each better than the one before, from the first start with any.
 
         Raises:

@@ -425,7 +425,7 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
 
 def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of ends in motion as orthonormal rows (k, n) on the coefficients of z.
+    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z.
 
     The derivatives s' ... s^(R) by time at such an end, where phi' > 0, determine R derivatives of sigma by
     time, and so z and its first R - 1 derivatives by sigma. R is the number of derivatives that torques
@@ -448,12 +448,8 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
         matrix = np.array(compose_derivatives(by_xi, xi_slopes))  # (R, n) of z by sigma
         derivatives = specification.ends.derivatives(R)[sigma]  # (R,) s' ... s^(R)
         targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)  # (R,) of z by sigma
-        # matrix' = Q R turns the rows into Q' y = R'^-1 targets: the solver stalls on those of high
-        # derivatives, which are nearly parallel
-        sizes = np.abs(matrix).max(axis=1)
-        Q, R_factor = np.linalg.qr((matrix / sizes[:, None]).T)
-        rows.append(Q.T)
-        values.append(np.linalg.solve(R_factor.T, targets / sizes))
+        rows.append(matrix)
+        values.append(targets)
     return Affine(SparseRows.of(np.concatenate(rows)), -np.concatenate(values))
 
 
