@@ -57,7 +57,6 @@ class LawProblem(NamedTuple):
     degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
     max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
     response: the response of an elastic robot's torques to the law, in place of the rigid robot's torques.
-    trust: share of the response's z by which z may differ from it.
     """
 
     task: Task
@@ -71,7 +70,6 @@ class LawProblem(NamedTuple):
     degree: int | None = None
     max_squared_speed: float = np.inf
     response: TorqueResponse | None = None
-    trust: float = np.inf
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""
@@ -99,7 +97,7 @@ class LawProblem(NamedTuple):
         The r columns of a frame are an orthonormal basis of the torques that move nothing. The splines are on
         cells of xi with edges (k + 1,).
         """
-        if not self.specification.shares_freely or self.response is not None:
+        if not self.specification.shares_freely:
             return None
         centres = Splines.on_cells(cells, SPLINE_DEGREE).centres
         projectors = self.demand(self.sigma(centres)).internal
@@ -108,7 +106,7 @@ class LawProblem(NamedTuple):
 
     def least_peak(self, torques: Array, xi: Array) -> Array:
         """Return torques (M, n_a) [N m] at xi (M,), of least peak over the limits if shared freely."""
-        if not self.specification.shares_freely or self.response is not None:
+        if not self.specification.shares_freely:
             return torques
         projectors = self.demand(self.sigma(xi)).internal
         assert projectors is not None

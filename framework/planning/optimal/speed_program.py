@@ -335,10 +335,6 @@ class SpeedProgram:
         positive = self.positive_rows  # (m, n)
         lowest = np.maximum(floor, np.zeros(positive.shape[0]))  # (m,) [1/s^2]
         highest = np.minimum(cap, np.full(positive.shape[0], problem.max_squared_speed))
-        if problem.response is not None and problem.trust < np.inf:
-            z_0 = positive @ problem.response.y  # (m,) of the motion about which torques are linear
-            lowest = np.maximum(lowest, (1.0 - problem.trust) * z_0)
-            highest = np.minimum(highest, (1.0 + problem.trust) * z_0)
         nonnegative = [AffineRows({"y": positive}, -lowest * scale)]
         nonnegative += self._limit_rows(goal, bounds, units)
         capped = np.flatnonzero(np.isfinite(highest))
