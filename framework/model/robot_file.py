@@ -128,7 +128,14 @@ def describe_tree(
         parameters=dict(parameters),
         **robot,
     )
-    _check_scenes(description)
+    axes = description.platform.names
+    for name, scene in description.scenes.items():
+        for i, point in enumerate(scene.points):
+            if len(point) != len(axes):
+                raise RobotFileError(
+                    f"scenes.{name}.{scene.kind}[{i}]: needs {len(axes)} numbers, one for each axis of the "
+                    f"platform ({', '.join(axes)}), got {list(point)}"
+                )
     _check_names(description, tree)
     return ParsedRobot(description, tree)
 
@@ -189,18 +196,6 @@ def _read_urdf(folder: Path, values: Mapping[str, Any], parameters: Mapping[str,
 
 
 # ------------------------------------------------------------------ checks across keys
-
-
-def _check_scenes(description: RobotDescription) -> None:
-    """Refuse path points without one number per axis of the platform."""
-    axes = description.platform.names
-    for name, scene in description.scenes.items():
-        for i, point in enumerate(scene.points):
-            if len(point) != len(axes):
-                raise RobotFileError(
-                    f"scenes.{name}.{scene.kind}[{i}]: needs {len(axes)} numbers, one for each axis of the "
-                    f"platform ({', '.join(axes)}), got {list(point)}"
-                )
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:

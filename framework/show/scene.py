@@ -161,7 +161,16 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
     points = [frame_positions(robot, poses)]
     for pose in poses[[0, len(poses) // 2, -1]]:
         points += [carried_points(pose[shape.node], shape.corners()) for shape in sight.bodies]
-    view = _view_document(np.concatenate(points), sight)
+    all_points = np.concatenate(points)
+    low, high = all_points.min(axis=0), all_points.max(axis=0)
+    center = 0.5 * (low + high)
+    view = {
+        "center": center,
+        "radius": max(np.linalg.norm(all_points - center, axis=1).max(), 1e-6),
+        "from": tilt_direction(sight.toward) if sight.planar else sight.toward,  # to the eye
+        "lowest": low[2],
+        "flat": sight.planar,
+    }
     motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
     frames = [robot.model.frames[frame] for frame in robot.frames]  # at the ends of springs
     places = [{"node": end.parentJoint, "place": end.placement.translation.copy()} for end in frames]
@@ -367,16 +376,3 @@ def encode_locus(
     pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, max_distance=max_distance)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
-
-
-def _view_document(points: Array, sight: Sight) -> Document:
-    """Return the view: centre and radius of a picture of points (m, 3), direction to the eye."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    center = 0.5 * (low + high)
-    return {
-        "center": center,
-        "radius": max(np.linalg.norm(points - center, axis=1).max(), 1e-6),
-        "from": tilt_direction(sight.toward) if sight.planar else sight.toward,
-        "lowest": low[2],
-        "flat": sight.planar,
-    }
