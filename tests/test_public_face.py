@@ -256,9 +256,8 @@ STARTS = {"main"}  # of `crossing` and of `python -m framework`
 def test_a_public_name_has_one_home() -> None:
     homes: dict[str, list[Path]] = {}
     for file in sorted(Path(framework.__file__).parent.rglob("*.py")):
-        for statement in ast.parse(file.read_text(encoding="utf-8")).body:
-            if isinstance(statement, (ast.FunctionDef, ast.ClassDef)) and statement.name[0] != "_":
-                homes.setdefault(statement.name, []).append(file)
+        for name in re.findall(r"^(?:def|class) ([^\W_]\w*)", file.read_text(encoding="utf-8"), re.MULTILINE):
+            homes.setdefault(name, []).append(file)
     several = {name for name, files in homes.items() if len(files) > 1}
     assert len(homes) > 1000
     assert several <= EVERY_COMMAND_HAS | STARTS

@@ -136,10 +136,9 @@ def test_a_leg_of_negative_length_is_beyond_the_limits():
 
 def test_hinges_beyond_their_limits_are_turned_back_within():
     robot = robots.load("delta")  # at the reference, arm 1 points inward, half a turn from its way outward
-    for x in ([0.05, 0.05, -1.0], [0.05, 0.05, -1.2]):
-        found = working_modes(robot, x)
-        assert all(mode.within_limits for mode in found.modes)
-        assert max(describe_pose(robot, mode.q).closure_error for mode in found.modes) < 1e-9
+    found = working_modes(robot, [0.05, 0.05, -1.0])
+    assert all(mode.within_limits for mode in found.modes)
+    assert max(describe_pose(robot, mode.q).closure_error for mode in found.modes) < 1e-9
 
 
 def test_endless_hinges_are_told_within_half_a_turn(write_robot):

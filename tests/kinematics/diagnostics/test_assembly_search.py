@@ -277,8 +277,10 @@ def test_a_robot_without_a_reference_is_loaded_within_ranges(tmp_path):
     assert block == pytest.approx(0.1 * np.cos(crank) + np.sqrt(0.26**2 - (0.1 * np.sin(crank)) ** 2))
 
 
-@pytest.mark.parametrize("reference", ["{}", "{crank: 2.0, rod: 2.0, block: 5.0}"])
-@pytest.mark.parametrize(("target", "block"), [("0.3", 0.3), ("0.5", 0.36)])  # stretched out at 0.36 m
+@pytest.mark.parametrize(
+    ("reference", "target", "block"),
+    [("{crank: 2.0, rod: 2.0, block: 5.0}", "0.3", 0.3), ("{}", "0.5", 0.36)],  # stretched out at 0.36 m
+)
 def test_loops_are_assembled_near_a_platform_pose_and_the_reference_can_be_pasted(
     tmp_path, capsys, reference, target, block
 ):
