@@ -65,8 +65,15 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
     source = f"{plan.robot.name} is {plan.robot.description.file.name}"
     written = f"<p>{escape(source)}; written on {date.today()} with {escape(installed)}.</p>"
     call = escape(python_call(plan))
+    paragraphs = [f"<p>{_mark_indices(describe_film(film))}</p>"]
+    if film.has_measure and not film.instants:
+        least = np.abs(film.g).min()
+        paragraphs.append(f"<p>The measure of singularity |g| is {least:.3g} or more on its frames.</p>")
+    for instant in film.instants:
+        sentence = _mark_indices(f"{why_singular(film.robot)} {explain_crossing(film, instant)}")
+        paragraphs.append(f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>")
     contents = {
-        "What happens": _motion_html(film) + _table_html(motion_facts(plan)),
+        "What happens": "".join(paragraphs) + _table_html(motion_facts(plan)),
         "Figures": _figures_html(plan, film),
         "The law": _law_html(plan),
         "The certificate": _certificate_html(plan),
@@ -90,18 +97,6 @@ def _table_html(rows: Iterable[Fact]) -> str:
         cells = "".join(f"<td>{_mark_indices(cell)}</td>" for cell in row)
         lines.append(f"<tr>{cells}</tr>")
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
-
-
-def _motion_html(film: Film) -> str:
-    """Return paragraphs on the motion, and on each singular instant."""
-    paragraphs = [f"<p>{_mark_indices(describe_film(film))}</p>"]
-    if film.has_measure and not film.instants:
-        least = np.abs(film.g).min()
-        paragraphs.append(f"<p>The measure of singularity |g| is {least:.3g} or more on its frames.</p>")
-    for instant in film.instants:
-        sentence = _mark_indices(f"{why_singular(film.robot)} {explain_crossing(film, instant)}")
-        paragraphs.append(f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>")
-    return "".join(paragraphs)
 
 
 def _law_html(plan: CrossingPlan) -> str:

@@ -87,7 +87,13 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
     alike = films_with_motors_of(film, films)
     peak = peak_torque(alike)
     poses = joint_poses(robot, film.q)
-    W_p, *world = _wrench_documents(film)
+    arrows = [_arrow_document(film.demands)]  # of W_p, then of the nonzero wrenches of the world
+    for wrench in film.wrenches:
+        if wrench.wrench.any():
+            frame = {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
+            arrows.append(_arrow_document(wrench.at_origin) | frame)
+    largest = np.max([arrow["largest"] for arrow in arrows], axis=0)  # to one scale
+    W_p, *world = (arrow | {"largest": largest} for arrow in arrows)
     reason = ", no limit given" if np.isinf(stated_limits(alike)).all() else ""
     drawn = page_robot_document(robot, poses, sight)
     # lines of action, if there are any and the film has singular instants
@@ -241,17 +247,6 @@ def _magnification(deflection: Array, largest_drawn: float) -> float:
     factor = largest_drawn / largest
     power = float(10.0 ** np.floor(np.log10(factor)))
     return max(part for part in (1.0, 2.0, 5.0) if part * power <= factor * (1 + 1e-9)) * power
-
-
-def _wrench_documents(film: Film) -> list[Document]:
-    """Return W_p and the nonzero wrenches of the world, to one scale."""
-    documents = [_arrow_document(film.demands)]
-    for wrench in film.wrenches:
-        if wrench.wrench.any():
-            frame = {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
-            documents.append(_arrow_document(wrench.at_origin) | frame)
-    largest = np.max([document["largest"] for document in documents], axis=0)
-    return [document | {"largest": largest} for document in documents]
 
 
 def _arrow_document(vectors: Array) -> Document:
