@@ -21,6 +21,7 @@ from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.oracles import five_bar_pose
 from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
+from tests.robots.every_robot import KINDS
 
 CRANK_AND_ROD = 0.5  # [m] stretched, and folded to nothing
 LEG_RANGE = 2.3653505129889623, 4.7307010259779245  # [m]
@@ -60,7 +61,7 @@ REACH = {
     "orthoglide": 1.2,
     "gough_stewart": 0.6,
 }  # [lengths, rad] of targets
-STARTS = 6  # of the optimiser, the best of which counts
+STARTS = 4  # of the optimiser, the best of which counts
 
 
 def targets_out_of_reach(robot, count, rng):
@@ -96,7 +97,7 @@ def least_distance(robot, target, rng):
 @pytest.mark.parametrize("name", ROOMS)
 def test_no_pose_of_closed_forms_is_nearer(name):
     robot, rng = robots.load(name), np.random.default_rng(3)
-    for target in targets_out_of_reach(robot, 3, rng):
+    for target in targets_out_of_reach(robot, 2, rng):
         nearest = nearest_pose(robot, target)
         distance = np.linalg.norm((nearest.x - target) / robot.platform_scale)
         assert distance < least_distance(robot, target, rng) + 1e-3
@@ -145,7 +146,7 @@ def slider_crank(folder, angle, lower, upper, slide=""):
     )
 
 
-@pytest.mark.parametrize("angle", [0.3, 0.9, 1.4, -1.3])
+@pytest.mark.parametrize("angle", [0.9, -1.3])
 def test_the_nearest_pose_is_within_ranges_whatever_the_reference(tmp_path, angle):
     """At crank angle a the block is at CRANK cos a + sqrt(ROD^2 - (CRANK sin a)^2), which falls with |a|."""
     robot = slider_crank(tmp_path, angle, -0.4, 0.5)
@@ -185,8 +186,7 @@ def test_a_cycle_waits_at_the_nearest_pose_and_returns():
     np.testing.assert_allclose(cycle.x, x, rtol=0, atol=1e-9)
 
 
-REDUNDANT = ("standing_quadruped", "two_arms")  # motors, which no cycle takes
-CYCLES = [name for name in robots.CATALOGUE if name not in REDUNDANT]
+CYCLES = [name for name in KINDS if name != "two_arms"]  # redundant motors, which no cycle takes
 
 
 @pytest.mark.parametrize("name", CYCLES)

@@ -149,8 +149,7 @@ def test_an_error_of_one_rod_is_found_and_named():
     assert abs(change["right_rod.mx"]) > abs(change["left_rod.mx"])
 
 
-@pytest.mark.parametrize("duration", [1.0, 2.5])
-def test_what_a_short_recording_does_not_show_stays_near_the_file(duration):
+def test_what_a_short_recording_does_not_show_stays_near_the_file():
     """A rod half as heavy again is seen in 1 s, dampings of 0.01 N m s/rad are not."""
 
     def heavier(links, bodies, motors) -> None:
@@ -159,7 +158,7 @@ def test_what_a_short_recording_does_not_show_stays_near_the_file(duration):
 
     nominal = NOMINAL["five_bar_heavy"]
     true, _ = other_robot(nominal, heavier)
-    found = identify(nominal, measured(sines(true, duration=duration, **SINES), true, 1))
+    found = identify(nominal, measured(sines(true, duration=1.0, **SINES), true, 1))
     change = found.base.combinations.coefficients @ (found.parameters - found.base.described.values)
     unseen = [name in found.undetermined for name in found.base.names]
     assert any(unseen)
@@ -593,7 +592,7 @@ def test_whole_turns_of_a_motor_do_not_change_the_motion():
         (lambda v: v, {"cutoff": 1e4}, "cutoff: needs"),
         (lambda v: v, {"poses": "both"}, "poses: needs motors or platform"),
         (lambda v: v, {"prior": 0.0}, "prior: must be greater than zero"),
-        (lambda v: v, {"only": ["lift"]}, "unknown parameter of --only 'lift'"),
+        (lambda v: v, {"only": ["lift"]}, "--only: 'lift' is none of payload, friction, rotor, "),
         (lambda v: v, {"sensor_errors": {"drift": 1.0}}, "unknown sensor error 'drift'"),
     ],
 )
