@@ -116,6 +116,8 @@ def test_working_modes_are_those_of_their_legs(name, count):
     assert len(found.modes) == count == np.prod(found.solutions)
     assert (found.status, found.proved_legs) == ("proved", (True,) * len(found.legs))
     assert found.sentence.startswith(f"{count}, proved to be all")
+    doubtful = replace(found, modes=(replace(found.modes[0], proved=False), *found.modes[1:]))
+    assert (doubtful.status, doubtful.sentence.split(",")[0]) == ("at least", f"at least {count - 1}")
     assert len({tuple(mode.signs) for mode in found.modes}) == count
     assert sum(np.allclose(mode.q, robot.reference.q, atol=1e-9) for mode in found.modes) == 1
     for mode in found.modes:
