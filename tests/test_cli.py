@@ -117,7 +117,7 @@ def test_a_robot_that_is_not_square_has_one_exit_code_in_every_command(crossing,
     )
     code, out, err = crossing("check", file)
     assert (code, err.count("\n")) == (2, 1)
-    assert "A is NOT square" in out
+    assert "A is not square: " in out
     assert "add actuators" in out
     assert "2 platform axes and 1 actuators for 2 degrees of freedom" in err
     for command in ("locate", "plan"):

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -41,14 +40,6 @@ from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 LawChoice = Callable[[TimeFunction | None], MotionLaw]
 
 
-class Checkpoints(NamedTuple):
-    """The motion apart from the nodes: at crossings, then between nodes or along the motion."""
-
-    times: Array  # (T,) [s]
-    motion: Motion
-    forces: Array  # (T, nv) r of the open tree
-
-
 @dataclass(frozen=True, eq=False)
 class Pass:
     """A motion with deflections on the nodes of a grid, its forces, and the deflections that they cause."""
@@ -63,7 +54,6 @@ class Pass:
     passes: int = 1  # number of passes up to this one
     change: float = 0.0  # by one more pass, over the largest deflection or spring force
     is_settled: bool = True  # as far as this grid allows
-    checkpoints: Checkpoints | None = None  # of a pass with springs at rest
 
     @property
     def residual(self) -> Array:
@@ -210,21 +200,23 @@ def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> floa
 # ------------------------------------------------------------------ one pass
 
 
-def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) -> Pass:
-    """Compute the pass with springs at rest, on a grid and at checkpoints.
+def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, crossings: Array) -> tuple[Pass, Array]:
+    """Compute the pass with springs at rest on a grid of T nodes, and the forces of the open tree.
 
     All instants are one stack, whose loops are closed and whose motion is computed once.
 
     Args:
-        beside: instants (k,) [s] of the checkpoints, where the motor torques may have no value.
+        crossings: instants (k,) [s] of crossings, where the motor torques may have no value.
+
+    Returns:
+        The pass; the forces r (k + T, nv) at the crossings, then on the grid.
     """
-    robot = branch.robot
-    motion = motion_at_rest(branch, np.concatenate([grid.times, beside]), law)  # at T + k instants
-    T = len(grid.times)
-    on_grid, at_checkpoints = motion.select(slice(T)), motion.select(slice(T, None))
-    r = tree_forces(robot, motion)  # (T + k, nv)
-    forces = balanced_forces(robot, on_grid.linearised, r[:T])
-    return Pass(
+    robot, k, T = branch.robot, len(crossings), len(grid.times)
+    motion = motion_at_rest(branch, np.concatenate([crossings, grid.times]), law)  # at k + T instants
+    on_grid = motion.select(slice(k, None))
+    r = tree_forces(robot, motion)  # (k + T, nv)
+    forces = balanced_forces(robot, on_grid.linearised, r[k:])
+    at_rest = Pass(
         grid,
         law,
         deflections=TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e))),
@@ -232,8 +224,8 @@ def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, beside: Array) 
         motion=on_grid,
         forces=forces,
         caused=-forces.spring_force / robot.stiffness,  # q_e = -K^-1 f, as in this file's docstring
-        checkpoints=Checkpoints(beside, at_checkpoints, r[T:]),
     )
+    return at_rest, r
 
 
 def evaluate_pass(

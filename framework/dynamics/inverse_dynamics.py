@@ -28,7 +28,6 @@ from framework.dynamics.forces import motor_torque
 from framework.dynamics.motion_checks import (
     MissingForces,
     check_idle_joints,
-    check_instants,
     measure_residuals,
     unresolved_error,
     unseen_near_miss,
@@ -38,7 +37,6 @@ from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_
 from framework.dynamics.restoration import deflections_of
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
-    SAMPLES,
     CrossedPoint,
     check_bounded,
     check_crossings,
@@ -75,6 +73,7 @@ from framework.tolerances import (
     OVERSHOOT,
     RESOLVABLE_TAIL,
     SAME_PLACE,
+    TAIL_ROUNDING,
     TORQUE_TAIL,
     WRONG_DERIVATIVE,
 )
@@ -152,12 +151,13 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidInput unless 0 < tolerance <= RESOLVABLE_TAIL.
+    """Raise InvalidInput unless TAIL_ROUNDING <= tolerance <= RESOLVABLE_TAIL.
 
     Series with a smaller tail than RESOLVABLE_TAIL have no pole.
     """
-    if not (is_number(tolerance) and 0 < tolerance <= RESOLVABLE_TAIL):
-        raise InvalidInput(f"tolerance: must lie in (0, {RESOLVABLE_TAIL:g}], got {tolerance!r}")
+    if not (is_number(tolerance) and TAIL_ROUNDING <= tolerance <= RESOLVABLE_TAIL):
+        limits = f"[{TAIL_ROUNDING:g}, {RESOLVABLE_TAIL:g}]"
+        raise InvalidInput(f"tolerance: must lie in {limits}, got {tolerance!r}")
 
 
 def resolve(
@@ -251,7 +251,7 @@ def _resolve_on_grids(
             continue
 
         # on a grid that is fine enough, or the finest: check the equations between the nodes
-        result, missing = measure_residuals(solution, result)
+        result, missing = measure_residuals(searched.branch, solution, result)
         is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
         if is_resolved and is_closed and _law_is_resolved(solution.law, solution.grid):
             unseen = unseen_near_miss(searched, solution, result)
@@ -320,7 +320,7 @@ class _Refinement:
             NotConverged: the springs are too soft for the motion.
         """
         branch = self.searched.branch
-        instants = np.array([time for time, _ in self.crossed])
+        instants = np.array([time for time, *_ in self.crossed])
         if self.known is not None and self.crossings:
             instants = np.array([crossing.time for crossing in self.crossings])
         grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
@@ -359,16 +359,14 @@ class _Refinement:
             UnboundedTorque: the law violates condition (8), and the geometry is rigid.
         """
         branch = self.searched.branch
-        # with rigid geometry the torques' series are checked at the same instants
-        is_rigid = self.geometry == "rigid"
-        others = check_instants(branch.robot, grid) if is_rigid else np.linspace(0.0, grid.edges[-1], SAMPLES)
-        at_rest = pass_at_rest(branch, grid, self.law, np.concatenate([instants, others]))
-        if self.crossed and not self.crossings:
-            assert at_rest.checkpoints is not None
-            at_points, along = np.split(at_rest.checkpoints.forces, [len(instants)])
-            self.crossings = measure_crossings(branch.robot, self.law, self.crossed, at_points, along)
+        is_first = not self.crossings
+        if not is_first:
+            instants = np.empty(0)
+        at_rest, forces = pass_at_rest(branch, grid, self.law, instants)
+        if self.crossed and is_first:
+            self.crossings = measure_crossings(branch.robot, self.law.duration, self.crossed, forces)
             self.has_pole = any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings)
-            if is_rigid:
+            if self.geometry == "rigid":
                 check_bounded(branch, self.crossings, CONDITION_RESIDUAL)
         return at_rest
 
@@ -417,7 +415,10 @@ class _Refinement:
             torques=torques,
             motor_angles=grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated]),
             deflections=solution.deflections,
-            deflection_rates=(grid.fit(motion.v[:, robot.elastic]), grid.fit(motion.a[:, robot.elastic])),
+            deflection_rates=tuple(
+                grid.fit(rate[:, robot.elastic]) if robot.n_e else solution.deflections
+                for rate in (motion.v, motion.a)
+            ),
             offsets=grid.fit(offsets),
             origin=branch.origin,
             crossings=self.crossings,

@@ -35,7 +35,6 @@ from framework.kinematics.frames import tree_columns
 from framework.kinematics.inverse_kinematics import turn_motions
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
-    linearised_at,
     linearised_at_reference,
     type2_matrix,
 )
@@ -61,34 +60,32 @@ class MissingForces(NamedTuple):
     residual: Array  # (T, nv) the missing forces
 
 
-def measure_residuals(solution: Pass, result: InverseDynamics) -> tuple[InverseDynamics, MissingForces]:
+def measure_residuals(
+    branch: Branch, solution: Pass, result: InverseDynamics
+) -> tuple[InverseDynamics, MissingForces]:
     """Return the result with the largest loop gap and residual torque, and the forces missing for balance.
 
-    The forces are those between the nodes; with rigid geometry the checkpoints of the pass at rest serve. The
-    largest gap compares the numbers of all loop equations, in m or rad, on and between nodes.
+    The forces are those between the nodes, at the poses of the series as they are: Newton's method closes the
+    loops at the nodes alone. The largest gap compares the numbers of all loop equations, in m or rad.
 
     Raises:
         NotAssembled: a loop equation that was left out opens.
     """
-    robot = result.robot
+    robot = branch.robot
     gap_of_rounded = _check_rows_left_out(robot, solution)
-    if result.geometry == "rigid":
-        assert solution.checkpoints is not None
-        times, motion, r = solution.checkpoints
-    else:
-        times = check_instants(robot, solution.grid)
-        motion = result.motion(times)
-        r = tree_forces(robot, motion)
+    times = check_instants(robot, solution.grid)
+    of_series = result.motion(times, closed=False)
+    motion = motion_at_rest(branch, times, result.law) if forces_are_at_rest(result) else of_series
+    r = tree_forces(robot, motion)
     torques = solution.grid.fit(solution.forces.joint_torque)(times)  # (T, n_a)
     forces = residual_torques(robot, motion.linearised, r, torques)  # (T, nv)
     residual = forces.copy()
     residual[:, robot.structure.idle] = 0.0  # no error of the series: `check_idle_joints` limits it
 
-    poses = linearised_at(robot, result.configuration(times), result.platform(times))
     gaps = (
         solution.motion.linearised.solved_residual,  # on the nodes
-        poses.solved_residual,  # at `times`, with the errors of the series
-        poses.residual[:, : robot.n],  # of the platform equations, at `times`
+        of_series.linearised.solved_residual,  # at `times`, with the errors of the series
+        of_series.linearised.residual[:, : robot.n],  # of the platform equations, at `times`
     )
     certificate = replace(
         result.certificate,
@@ -234,10 +231,12 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Mo
 
     With rigid geometry it is that of the undeformed robot.
     """
-    robot = branch.robot
-    if not (robot.n_e and result.geometry == "rigid"):
-        return result.motion(times)
-    return motion_at_rest(branch, times, result.law)
+    return motion_at_rest(branch, times, result.law) if forces_are_at_rest(result) else result.motion(times)
+
+
+def forces_are_at_rest(result: InverseDynamics) -> bool:
+    """Return whether the forces of a result are those with springs at rest, and its motion is not."""
+    return bool(result.robot.n_e) and result.geometry == "rigid"
 
 
 def residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, torque: Array) -> Array:

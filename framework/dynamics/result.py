@@ -15,6 +15,7 @@ from framework.errors import check_order, real_numbers, whole_number
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, law_derivatives
@@ -155,16 +156,20 @@ class InverseDynamics(ReadOnlyArrays):
         """Evaluate all joint coordinates q (T, nq) at t (T,), deflections included."""
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
-    def motion(self, t: ArrayLike) -> Motion:
-        """Compute the motion of all joints at t (T,), loops closed to rounding, with external wrenches."""
+    def motion(self, t: ArrayLike, *, closed: bool = True) -> Motion:
+        """Compute the motion of all joints at t (T,) with external wrenches.
+
+        Args:
+            closed: whether the loops are closed to rounding; if not, the poses are those of the series.
+        """
         times = np.atleast_1d(real_numbers("t", t))
         s_and_rates = law_derivatives(self.law, times)  # s and two time derivatives, (T,) each
         x, dx, ddx = time_derivatives(self.path, s_and_rates)
-        closed = close_loops(self.robot, x, self.configuration(times))
-        rates = self.deflection(times, order=1), self.deflection(times, order=2)
-        motion = motion_at(self.robot, closed, dx, ddx, *rates)
-        frames = closed.frames
-        return motion.with_wrenches(self.wrenches.evaluate(self.robot, frames, s_and_rates[0]))
+        q = self.configuration(times)
+        poses = close_loops(self.robot, x, q) if closed else linearised_at(self.robot, q, x)
+        rates = [rate(times) for rate in self.deflection_rates] if self.robot.n_e else []
+        motion = motion_at(self.robot, poses, dx, ddx, *rates)
+        return motion.with_wrenches(self.wrenches.evaluate(self.robot, poses.frames, s_and_rates[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Compute joint velocities (order 1) or accelerations (order 2), (T, nv).

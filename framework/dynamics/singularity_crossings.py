@@ -32,7 +32,7 @@ from framework.tolerances import CONDITION_ROUNDING, NO_HOLD, SAME_PLACE, STOP_A
 
 LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
 ROUNDING_SHARE = 1e-15  # of the duration: a shorter Newton step to a root of the law is rounding
-SAMPLES = 17  # instants of a motion at which the size of the forces is measured
+SAMPLES = np.linspace(0.0, 1.0, 17)  # shares of a motion at which sizes of speeds and forces are measured
 
 
 def panel_edges(branch: Branch, law: MotionLaw, avoid: Iterable[float] = ()) -> Array:
@@ -114,7 +114,8 @@ def find_instants(law: MotionLaw, edges: Array, places: Sequence[float] | Array)
     return [roots[np.diff(roots, prepend=-np.inf) > apart] for roots in instants]
 
 
-CrossedPoint = tuple[float, SingularPoint]  # an instant [s] at which a law passes a singular point
+# an instant [s] at which a law passes a singular point, with its s' [1/s] and s" [1/s^2] there
+CrossedPoint = tuple[float, float, float, SingularPoint]
 
 
 def find_crossed_points(
@@ -130,16 +131,18 @@ def find_crossed_points(
     if not points:
         return []
     edges = panel_edges(branch, law)
-    # every instant of a crossing, with the singular point
     instants = find_instants(law, edges, [point.s for point in points])
-    crossed = [(float(t), point) for point, times in zip(points, instants, strict=True) for t in times]
-    if not crossed:
+    met = [point for point, times in zip(points, instants, strict=True) for _ in times]  # (k,) in all
+    k = len(met)
+    if not k:
         return []
-    along = np.linspace(0.0, law.duration, SAMPLES)
-    speeds = np.abs(law(np.append([t for t, _ in crossed], along), 1))
-    stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds[-SAMPLES:].max()
+    times = np.concatenate([*instants, law.duration * SAMPLES])  # (k + SAMPLES,)
+    _s, speeds, accelerations = law_derivatives(law, times)
+    values = (array[:k].tolist() for array in (times, speeds, accelerations))
+    crossed = list(zip(*values, met, strict=True))
+    stops = np.abs(speeds[:k]) <= STOP_AT_CROSSING * np.abs(speeds[k:]).max()
     if stops.any():
-        t, singular = crossed[int(stops.argmax())]
+        t, _, _, singular = crossed[int(stops.argmax())]
         raise NoLaw(
             f"the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: no law can rest on the locus",
@@ -161,31 +164,31 @@ def rigid_crossings(
     if not crossed:
         return ()
     # T instants: first the crossings, then SAMPLES along the motion for the size of the forces
-    times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
+    times = np.concatenate([[t for t, *_ in crossed], law.duration * SAMPLES])
     forces = tree_forces(branch.robot, motion_at_rest(branch, times, law))
-    return measure_crossings(branch.robot, law, crossed, forces[:-SAMPLES], forces[-SAMPLES:])
+    return measure_crossings(branch.robot, law.duration, crossed, forces)
 
 
 def measure_crossings(
-    robot: ParallelRobot, law: MotionLaw, crossed: list[CrossedPoint], at_points: Array, along: Array
+    robot: ParallelRobot, duration: float, crossed: list[CrossedPoint], forces: Array
 ) -> tuple[SingularityCrossing, ...]:
     """Compute t_s . W_p = eta . r of the undeformed robot at each of k crossed points.
 
     Of several uncontrolled motions eta, that with the largest relative t_s . W_p counts.
 
     Args:
-        at_points: (k, nv) forces r of the open tree at the crossed points.
-        along: (M, nv) forces r along the motion, for the size of their terms.
+        duration: [s] of the motion.
+        forces: (k + M, nv) forces r of the open tree at the crossed points, then along the motion for the
+            size of their terms.
     """
-    motion = zip(*law_derivatives(law, np.array([t for t, _ in crossed])), strict=True)
     # the scale of eta . r is the largest sum of sizes of its terms along the motion, or that of inertia
-    inertial_force = robot.mass * robot.length / law.duration**2
+    inertial_force = robot.mass * robot.length / duration**2
     crossings = []
-    for (t, singular), (_s, speed, acceleration), r in zip(crossed, motion, at_points, strict=True):
+    for (t, speed, acceleration, singular), r in zip(crossed, forces, strict=False):
         eta = singular.motion[None]  # (corank, nv) joint rates of the uncontrolled motions
         if singular.corank > 1:
             eta = uncontrolled_space(robot, singular.pose, at_least=singular.corank).motions
-        sizes = np.abs(np.vstack([r, along])) @ np.abs(eta).T  # (1 + M, corank)
+        sizes = np.abs(forces) @ np.abs(eta).T  # (k + M, corank)
         least_scale = inertial_force * robot.length * np.abs(eta / robot.column_scale).max(axis=1)
         scale = np.maximum(sizes.max(axis=0), least_scale)  # (corank,)
         wrench = eta @ r  # (corank,)
@@ -194,8 +197,8 @@ def measure_crossings(
             SingularityCrossing(
                 **vars(singular),
                 time=t,
-                speed=float(speed),
-                acceleration=float(acceleration),
+                speed=speed,
+                acceleration=acceleration,
                 wrench=float(wrench[worst]),
                 scale=float(scale[worst]),
             )

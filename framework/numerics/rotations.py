@@ -22,6 +22,8 @@ def _series(offset: int, order: int) -> list[float]:
 # power series in y = t^2 of the coefficients a and b of the left Jacobian and of their derivatives. The axes
 # (12, 2, 2) are power, a or b, order of the derivative; the last coefficients are below 1e-17
 _SERIES = np.array([[_series(2, 0), _series(2, 1)], [_series(3, 0), _series(3, 1)]]).transpose(2, 0, 1)
+_DIAGONAL = [0, 1, 2], [0, 1, 2]
+_CROSS = [2, 0, 1], [1, 2, 0]  # where the matrix of the cross product with v has v itself
 
 
 def whole_turns(angles: Array) -> Array:
@@ -35,10 +37,19 @@ def wrap_angles(angles: Array) -> Array:
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """Compute rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
-    from scipy.spatial.transform import Rotation
+    """Compute rotation matrices (T, 3, 3) of rotation vectors v (T, 3) [rad].
 
-    return Rotation.from_rotvec(vector).as_matrix()
+    With t = |v| the matrix is cos(t) + sin(t) / t [v]x + b v v' with b = (1 - cos t) / t^2.
+    """
+    half = 0.5 * np.sqrt(dot(vector, vector))  # (T,) t / 2
+    ratio = np.sinc(half / np.pi)  # sin(t / 2) over t / 2
+    scaled = (np.sqrt(0.5) * ratio)[:, None] * vector  # v b^(1/2)
+    matrix = scaled[:, :, None] * scaled[:, None]
+    matrix[:, *_DIAGONAL] += np.cos(2.0 * half)[:, None]
+    crossed = (ratio * np.cos(half))[:, None] * vector  # sin(t) / t v
+    matrix[:, *_CROSS] += crossed
+    matrix[:, *_CROSS[::-1]] -= crossed
+    return matrix
 
 
 def rotation_vector(rotation: Array) -> Array:
@@ -49,7 +60,7 @@ def rotation_vector(rotation: Array) -> Array:
     """
     trace = np.trace(rotation, axis1=1, axis2=2)
     # 2 sin(t) axis: the entries (3, 2), (1, 3) and (2, 1) of R - R'
-    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
+    doubled = (rotation - rotation.swapaxes(1, 2))[:, *_CROSS]
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
     vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]  # sin(t) axis over sin(t) / t
     wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))

@@ -217,6 +217,11 @@ class LeastLimits(NamedTuple):
     together: bool
     options: list[dict[str, Array]]
 
+    @property
+    def is_unknown(self) -> bool:
+        """Whether no law was found that tells them."""
+        return self.torque_peak is None and self.speed_peak is None
+
     @staticmethod
     def of(
         specification: Specification,

@@ -32,7 +32,14 @@ from framework.show.captions import (
     wrench_kind,
     wrench_unit,
 )
-from framework.show.film import Film, film_limit, films_with_motors_of, largest_drawn_torque, peak_torque
+from framework.show.film import (
+    Film,
+    film_limit,
+    films_with_motors_of,
+    largest_drawn_torque,
+    peak_torque,
+    stated_limits,
+)
 from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Sight, film_sight, tilt_direction
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
@@ -77,11 +84,11 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
     limit = film_limit(film, films)  # (n_a,) [N m]
-    peak = peak_torque(films_with_motors_of(film, films))
+    alike = films_with_motors_of(film, films)
+    peak = peak_torque(alike)
     poses = joint_poses(robot, film.q)
     W_p, *world = _wrench_documents(film)
-    unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
-    reason = ", no limit in its file" if unlimited else ""
+    reason = ", no limit given" if np.isinf(stated_limits(alike)).all() else ""
     drawn = page_robot_document(robot, poses, sight)
     # lines of action, if there are any and the film has singular instants
     lines = action_lines(robot, film.motors.motor_speed) if film.instants else None

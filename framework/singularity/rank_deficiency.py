@@ -7,6 +7,7 @@ finds the point at which the sum of their squares is least.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -132,17 +133,19 @@ def _simple_root(measured: MeasuredMatrix, candidate: Candidate) -> Contact | No
         border = Border.of(matrix[0])
         if measured.border_width(border.values) > 1:
             return None
-        factor = float(np.sum(panel.border.b * border.b) * np.sum(panel.border.c * border.c))
+        factor = float(np.vdot(panel.border.b, border.b) * np.vdot(panel.border.c, border.c))
         slope = factor * panel.slope(s)
         if abs(slope) < least_slope:
             return None
-        step = -float(solve_bordered(matrix, border).g[0]) / slope
+        # M c + b g = 0: the border's own c is the null vector of the bordered matrix
+        g = -float(border.b[:, 0] @ matrix[0] @ border.c[:, 0])
+        step = -g / slope
         s += step
         if abs(step) > longest_step or not 0.0 < s < 1.0:
             return None
         if abs(step) < ROOT_ROUNDING:
             # the sign of a singular matrix is rounding, and so is that of the factor
-            return Contact(s, "transversal", slope=abs(factor) * panel.slope(s), pose=pose)
+            return Contact(s, "transversal", slope=math.copysign(1.0, factor) * slope, pose=pose)
     return None
 
 

@@ -62,7 +62,8 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     twist, motion = twists[-1], space.motions[-1]  # those of the least singular value
     if kind != "type_2":
         return Uncontrolled(kind, np.zeros_like(twist), motion, space.corank)
-    if _count_rank(twist[None]) == 0:  # the platform rests in this motion, but another motion moves it
+    # of several motions the platform may rest in this one, and move in another
+    if space.corank > 1 and _count_rank(twist[None]) == 0:
         k = np.argmax(np.linalg.norm(twists, axis=1))
         twist, motion = twists[k], space.motions[k]
     scale = twist_norm(robot, twist)
@@ -140,8 +141,9 @@ def uncontrolled_space(
 
 
 def _count_rank(rows: Array) -> int:
-    """Count the singular values of dimensionless rows (k, n) above RANK_LOST."""
-    return int((singular_values(rows) > RANK_LOST).sum())
+    """Count the singular values of dimensionless rows (k, n) above RANK_LOST; that of one row is its norm."""
+    values = np.linalg.norm(rows, axis=1) if len(rows) == 1 else singular_values(rows)
+    return int((values > RANK_LOST).sum())
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:

@@ -49,7 +49,7 @@ def tails(robot, law) -> list[float]:
     found = []
     for size in (64, 128, 256):
         grid = TimeGrid.clear_of(np.array([1.0]), np.array([0.0, 1.5]), size)
-        state = pass_at_rest(branch, grid, law, np.empty(0))
+        state, _ = pass_at_rest(branch, grid, law, np.empty(0))
         found.append(grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque)).tail)
     return found
 

@@ -593,7 +593,7 @@ def test_whole_turns_of_a_motor_do_not_change_the_motion():
         (lambda v: v, {"cutoff": 1e4}, "cutoff: needs"),
         (lambda v: v, {"poses": "both"}, "poses: needs motors or platform"),
         (lambda v: v, {"prior": 0.0}, "prior: must be greater than zero"),
-        (lambda v: v, {"only": ["lift"]}, "unknown parameter of --only 'lift'"),
+        (lambda v: v, {"only": ["lift"]}, "--only: 'lift' is none of payload, friction, rotor, "),
         (lambda v: v, {"sensor_errors": {"drift": 1.0}}, "unknown sensor error 'drift'"),
     ],
 )

@@ -145,7 +145,7 @@ def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
 
 
 REFUSED = [
-    (dict(duration=1.5, tolerance=np.nan), r"tolerance: must lie in \(0, 1e-06\], got nan"),
+    (dict(duration=1.5, tolerance=np.nan), r"tolerance: must lie in \[1e-14, 1e-06\], got nan"),
     (dict(duration=1.5, times=[], speeds=[1.0]), "speeds: got 1, but times is empty"),
     (dict(duration=1.5, at=[0.6, 0.3]), "at: must ascend"),
     (dict(duration=0.0), "duration: must be a positive"),

@@ -1,5 +1,6 @@
 """Assembly and working modes against the geometry of each robot and against published counts."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -139,6 +140,19 @@ def test_hinges_beyond_their_limits_are_turned_back_within():
     found = working_modes(robot, [0.05, 0.05, -1.0])
     assert all(mode.within_limits for mode in found.modes)
     assert max(describe_pose(robot, mode.q).closure_error for mode in found.modes) < 1e-9
+
+
+def test_endless_hinges_are_told_within_half_a_turn(write_robot):
+    """The 5R with endless joints, whose elbows count a turn more and a turn less at the reference."""
+    turned = {"left_elbow": 2.0 * np.pi - 0.83362, "right_elbow": 1.538591 - 2.0 * np.pi}
+    file = write_robot(*((f"reference.{name}", float(angle)) for name, angle in turned.items()))
+    urdf = file.with_name("five_bar.urdf")
+    urdf.write_text(re.sub("<limit.*/>", "", urdf.read_text()).replace('"revolute"', '"continuous"'))
+    robot = ParallelRobot.from_file(file)
+    motors = robot.actuated_coordinates(robot.reference.q[None])[0]
+    for mode in (*assembly_modes(robot, motors).modes, *working_modes(robot, robot.reference.x).modes):
+        assert np.abs(mode.q[robot.passive]).max() <= np.pi
+        assert describe_pose(robot, mode.q).closure_error < 1e-12
 
 
 @pytest.mark.parametrize("x", [(0.1, 0.345), (0.0, 0.2), (0.3, 0.1), (0.0, 0.9)])

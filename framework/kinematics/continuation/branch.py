@@ -109,6 +109,8 @@ class Branch(ReadOnlyArrays):
     @cached_property
     def knots(self) -> Array:
         """Path coordinates (k,) between which path and wrenches are smooth."""
+        if not self.wrenches.entries:
+            return np.asarray(self.path.knots)
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
     def with_wrenches(self, wrenches: ExternalWrenches) -> Branch:

@@ -332,7 +332,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
             return NotConverged(words, name=name, residual=np.inf)
     holding = _overloaded_at_ends(problem)
     least = find_least_limits(problem)
-    if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
+    if holding is None and not none.infeasible and least.is_unknown:
         return not_found
 
     # a proof, if there is one, and what would help

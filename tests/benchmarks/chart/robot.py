@@ -113,7 +113,7 @@ class SceneC:
     def nodes(self, count: float) -> Torque:
         """Ours: on Chebyshev nodes."""
         grid = TimeGrid.clear_of(np.array([CROSSING_TIME]), np.array([0.0, DURATION]), round(count))
-        state = pass_at_rest(branch(), grid, self.law, np.empty(0))
+        state, _ = pass_at_rest(branch(), grid, self.law, np.empty(0))
         return grid.fit(motor_torque(robot(), state.motion, state.forces.joint_torque))
 
     def proved(self, tolerance: float) -> Torque:

@@ -284,9 +284,12 @@ def test_the_conditions_of_an_end_in_motion_are_not_nearly_parallel():
     searched = search_path(robot, LINE)
     task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
     problem = problem_of(task)._replace(degree=40)
-    _, *rows = condition_rows(problem, problem.basis_on(first_cells(problem))).matrix.toarray()
+    program = SpeedProgram.on_cells(problem, first_cells(problem))
+    _, *rows = program.solved_conditions.matrix.toarray()
     assert np.shape(rows) == (4, 41)
     assert np.linalg.cond(rows) < 1.001
+    y = program.space.adjust(np.eye(41)[0], program.conditions)  # which meets the derivatives themselves
+    assert np.abs(program.solved_conditions(y)).max() < 1e-11 * np.abs(y).max()
 
 
 @pytest.mark.parametrize("least", [1e-2, 1e-3])
