@@ -1,5 +1,6 @@
 """What tests of several folders share."""
 
+import gc
 import json
 import signal
 from collections.abc import Callable
@@ -44,6 +45,12 @@ LONG = (
 
 def pytest_collection_modifyitems(items) -> None:
     items.sort(key=lambda item: not item.name.startswith(LONG))
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests are there to the end: the garbage collector need not look at them again."""
+    gc.collect()
+    gc.freeze()
 
 
 FIVE_BAR = robots.CATALOGUE["five_bar"].file

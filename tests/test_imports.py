@@ -5,6 +5,7 @@ dynamics <- planning <- fidelity | atlas | identification | control | files <- s
 """
 
 import ast
+from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -103,11 +104,20 @@ LINEAR_ALGEBRA = {
 }
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """All statements below a node; expressions, nine tenths of a tree, are not looked at."""
+    for child in [*getattr(node, "body", ()), *getattr(node, "orelse", ()), *getattr(node, "finalbody", ())]:
+        yield child
+        yield from statements(child)
+    for child in [*getattr(node, "handlers", ()), *getattr(node, "cases", ())]:
+        yield from statements(child)
+
+
 @cache
 def imports(module: str) -> frozenset[str]:
     """Modules that a module imports, wherever in its text."""
     found = set()
-    for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
+    for node in statements(ast.parse(FILES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

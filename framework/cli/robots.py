@@ -138,7 +138,7 @@ def run_check(options: Namespace) -> Report:
     words = {key: ", ".join(facts[key]) or "none" for key in LISTS} | {
         "place": point(diagnosis.platform, mechanism.unit_lengths(turns)),
         "idle": f", {idle} of them idle" if idle else "",
-        "shape": "square" if diagnosis.square else "NOT square",
+        "shape": _describe_axes(diagnosis),
         "redundant": f"; redundant: {redundant}" if redundant else "",
         "angles": ", ".join(angles),
         "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
@@ -167,11 +167,20 @@ def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None
         ).advising({"reference": diagnosis.reference} if diagnosis.square else None)
     if diagnosis.square:
         return None
-    return InvalidInput(
-        f"{diagnosis.robot}: A is not square: {len(diagnosis.platform_axes)} platform axes and "
-        f"{len(diagnosis.actuators)} actuators for {diagnosis.mobility - len(diagnosis.idle_joints)} degrees "
-        f"of freedom; the notes say what other commands need"
-    )
+    why = f"A is {_describe_axes(diagnosis)}; the notes say what other commands need"
+    return InvalidInput(f"{diagnosis.robot}: {why}")
+
+
+def _describe_axes(diagnosis: Diagnosis) -> str:
+    """Say whether A is square, or what of platform and motors does not fit the freedoms."""
+    if diagnosis.square:
+        return "square"
+    axes, motors = diagnosis.platform_axes, diagnosis.actuators
+    freedoms = diagnosis.mobility - len(diagnosis.idle_joints)
+    if len(axes) == freedoms <= len(motors):
+        return f"square, but the axes {', '.join(axes)} do not tell the {freedoms} degrees of freedom apart"
+    counts = f"{len(axes)} platform axes and {len(motors)} actuators for {freedoms} degrees of freedom"
+    return f"not square: {counts}"
 
 
 # ------------------------------------------------------------------ crossing convert

@@ -73,6 +73,7 @@ from framework.tolerances import (
     OVERSHOOT,
     RESOLVABLE_TAIL,
     SAME_PLACE,
+    TAIL_ROUNDING,
     TORQUE_TAIL,
     WRONG_DERIVATIVE,
 )
@@ -150,12 +151,13 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidInput unless 0 < tolerance <= RESOLVABLE_TAIL.
+    """Raise InvalidInput unless TAIL_ROUNDING <= tolerance <= RESOLVABLE_TAIL.
 
     Series with a smaller tail than RESOLVABLE_TAIL have no pole.
     """
-    if not (is_number(tolerance) and 0 < tolerance <= RESOLVABLE_TAIL):
-        raise InvalidInput(f"tolerance: must lie in (0, {RESOLVABLE_TAIL:g}], got {tolerance!r}")
+    if not (is_number(tolerance) and TAIL_ROUNDING <= tolerance <= RESOLVABLE_TAIL):
+        limits = f"[{TAIL_ROUNDING:g}, {RESOLVABLE_TAIL:g}]"
+        raise InvalidInput(f"tolerance: must lie in {limits}, got {tolerance!r}")
 
 
 def resolve(

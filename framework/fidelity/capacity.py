@@ -206,11 +206,16 @@ def _bracket_capacity(task: _Multiples) -> Capacity:
     """
     multiple = 1.0
     peaks = [(0.0, 0.0)]  # multiples, with least peaks over the limits, 0 if unknown
-    for _ in range(5):  # the least peak is nearly linear in the multiple: two or three secants suffice
-        peaks.append((multiple, task.find_least_peak(multiple)))
+    for _ in range(12):  # the least peak is convex: secants meet the limit, within twice the last multiple
+        peak = task.find_least_peak(multiple)
+        peaks.append((multiple, peak))
         limit = _find_limit(peaks)
-        multiple = 1.0 if limit is None else limit * (1.0 - 0.45 * BRACKET_RATIO)
-        if limit is None or abs(peaks[-1][1] - 1.0 + LIMIT_MARGIN) < LIMIT_MARGIN:
+        if limit is None and peak == 0.0:
+            multiple = 1.0
+            break
+        limit = 2.0 * multiple if limit is None else limit
+        multiple = min(limit * (1.0 - 0.45 * BRACKET_RATIO), 2.0 * multiple)
+        if abs(peak - 1.0 + LIMIT_MARGIN) < BRACKET_RATIO:
             break
     capacity = None
     while 1.0 / MAX_MULTIPLE <= multiple <= MAX_MULTIPLE:

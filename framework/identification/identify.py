@@ -32,7 +32,7 @@ from framework.identification.base_parameters import (
     with_masses_and_motors,
 )
 from framework.identification.conversions import Conversions, load_recording, refuse_mistaken_columns
-from framework.identification.least_squares import SENSOR_ERRORS, Estimate, estimate
+from framework.identification.least_squares import SENSOR_ERRORS, estimate
 from framework.identification.measured_motion import (
     begin_at_first_row,
     check_signals,
@@ -319,7 +319,7 @@ def identify(
         links=links,
         link_values=possible,
         quantities=_describe(robot, links, unknowns, possible, possible_spread, estimated.spread),
-        predictions=_compare(robot, base, links, rows, test, possible, estimated, errors, only),
+        predictions=_compare(base, links, rows, test, possible, estimated.offset, only),
         noise=estimated.noise,
         steps=np.minimum(steps, largest) / largest,
         cutoff=measured.cutoff,
@@ -345,35 +345,42 @@ def _blocks(times: Array) -> IntArray:
 
 
 def _compare(
-    robot: ParallelRobot,
     base: BaseParameters,
     links: LinkParameters,
     rows: TorqueRows,
     test: TorqueRows,
     possible: Array,
-    estimated: Estimate,
-    errors: Mapping[str, float],
+    offset: Array,
     only: Sequence[str],
 ) -> tuple[Prediction, ...]:
-    """Predict the torques held out by the twin and by simpler models; return the twin's first."""
+    """Predict the torques held out by the twin and by simpler models; return the twin's first.
 
-    def residuals(values: Array) -> Array:
-        """Return measured minus predicted torques (T, n_a) by parameters (u,) of links and motors."""
-        beta = base.values + base.combinations.coefficients @ links.to_parameters @ (values - links.values)
-        return test.torque - test.constant - test.matrix @ beta - estimated.offset
-
-    models = {"twin": residuals(possible), "zero": test.torque, "file": residuals(links.values)}
-    # dry and viscous friction explain the torques, nothing else does: their least squares
-    design = choose_unknowns(base, links, ["friction"]).design  # (rank, k)
+    Args:
+        rows, test: equations of the fit, and those held out.
+        possible: (u,) parameters of the twin's links and motors.
+        offset: (n_a,) of the torque sensors.
+    """
+    to_base = base.combinations.coefficients @ links.to_parameters  # (rank, u)
     sizes = np.sqrt(np.mean(rows.torque**2, axis=0)) + np.finfo(float).tiny  # (n_a,)
-    columns = (rows.matrix @ design / sizes[:, None])[rows.valid]  # (equations, k)
-    friction = np.linalg.lstsq(columns, (rows.torque / sizes)[rows.valid], rcond=RANK_ROUNDING)[0]  # (k,)
-    models["friction alone"] = test.torque - test.matrix @ (design @ friction)
+
+    def fit_alone(part: str, known: Array) -> Array:
+        """Fit one part's parameters (rank,) by least squares to what known torques (T, n_a) leave."""
+        design = choose_unknowns(base, links, [part]).design  # (rank, k)
+        columns = (rows.matrix @ design / sizes[:, None])[rows.valid]  # (equations, k)
+        right = ((rows.torque - known) / sizes)[rows.valid]
+        return np.asarray(design @ np.linalg.lstsq(columns, right, rcond=RANK_ROUNDING)[0])
+
+    by_file = test.torque - test.constant - test.matrix @ base.values - offset
+    models = {
+        "twin": by_file - test.matrix @ (to_base @ (possible - links.values)),
+        "zero": test.torque,
+        "file": by_file,
+        "friction alone": test.torque - test.matrix @ fit_alone("friction", np.zeros_like(rows.torque)),
+    }
     if tuple(only) != (PAYLOAD,):
         with suppress(InvalidInput):  # the platform has no mass
-            payload = choose_unknowns(base, links, [PAYLOAD])
-            alone = estimate(rows, payload.design, base.values, errors)
-            models["payload alone"] = residuals(fit_possible_parameters(robot, links, payload, alone)[0])
+            known = rows.constant + rows.matrix @ base.values + offset
+            models["payload alone"] = by_file - test.matrix @ fit_alone(PAYLOAD, known)
     return _rank_models(models, test)
 
 

@@ -119,16 +119,19 @@ def estimate(
     unmix = np.eye(n_a)
     size = np.zeros(n_a)  # of the noise
     least_size = np.full(n_a, np.inf)
-    for _ in range(max_passes):
-        whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
+    for k_pass in range(max_passes):
         slopes = banded_rows(response @ factors, groups, T * signals) @ by_acceleration  # (T n_a, z)
+        misfit = rows.torque - rows.constant - matrix @ factors
+        if k_pass == 1:
+            noise_filters = [np.ones(1) / size for size in _noise_beside_errors(rows, slopes, misfit)]
+            unmix = np.eye(n_a)
+        whitening = np.sqrt(rows.independent) * _whitening(rows.valid, noise_filters, unmix)
         W = whitening @ slopes  # (equations, z)
         information = splu((W.T @ W + by_samples.T @ by_samples).tocsc())  # of z
 
         # at these unknowns the least z, and errors of sensors, whose mean is 0
         sensors, deviations = _sensor_columns(rows, predicted, errors)
         s = len(deviations)
-        misfit = rows.torque - rows.constant - matrix @ factors
         constant = np.concatenate([sensors, misfit[..., None]], axis=2).reshape(T * n_a, -1)
         reduced, by_column = _eliminate(information, W, by_samples, whitening @ constant)
         prior = np.hstack([np.diag(1.0 / deviations), np.zeros((s, 1))])
@@ -152,6 +155,7 @@ def estimate(
         D = by_acceleration.T @ by_signal.reshape(T * signals, k)  # (z, k)
         by_sensors = np.linalg.solve(R_s.T, by_column[:, :s].T @ D)  # (s, k): z takes their errors too
         lost = D.T @ information.solve(D) + by_sensors.T @ by_sensors  # (k, k)
+        lost *= k_pass > 0  # what the file leaves is no noise
         scaled = (
             V_rows / np.maximum(sizes, RANK_ROUNDING * sizes.max(initial=0.0) + np.finfo(float).tiny)[:, None]
         )
@@ -203,6 +207,33 @@ def _eliminate(information: Any, W: Any, by_samples: Any, white: Array) -> tuple
     """
     by_column = information.solve(W.T @ white)
     return np.concatenate([white - W @ by_column, by_samples @ by_column]), by_column
+
+
+def _noise_beside_errors(rows: TorqueRows, slopes: Any, misfit: Array) -> Array:
+    """Compute sizes (n_a,) of the noise in a misfit (T, n_a) that no errors z of the motion explain.
+
+    They are those of least squares for z with noise of a small share of the torques. A draw of z shows how
+    many equations z takes, to the square root of twice their number.
+
+    Args:
+        slopes: (T n_a, z) of the torques by z, sparse.
+    """
+    share = 1e-3  # less than any sensor's
+    from scipy.sparse import diags_array  # slow to import
+    from scipy.sparse.linalg import splu
+
+    unit = share * np.sqrt(np.mean(rows.torque**2, axis=0)) + np.finfo(float).tiny  # (n_a,)
+    weights = rows.valid / unit  # (T, n_a)
+    W = diags_array(weights.ravel()) @ slopes
+    by_samples = rows.errors.samples
+    information = splu((W.T @ W + by_samples.T @ by_samples).tocsc())
+    random = np.random.default_rng(0)
+    noises = [part.T @ random.standard_normal(part.shape[0]) for part in (W, by_samples)]
+    left = weights * misfit - (W @ information.solve(W.T @ (weights * misfit).ravel())).reshape(misfit.shape)
+    taken = (W @ information.solve(noises[0] + noises[1])).reshape(misfit.shape)
+    counts = rows.valid.sum(axis=0)  # (n_a,)
+    rest = np.maximum(counts - np.sum(taken**2, axis=0), np.sqrt(2.0 * counts) + 1.0)
+    return np.asarray(unit * np.sqrt(np.sum(left**2, axis=0) / rest) + np.finfo(float).tiny)
 
 
 def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, float]) -> tuple[Array, Array]:

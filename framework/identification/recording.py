@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 
 from framework.argument_errors import explain_errors
-from framework.errors import LARGEST_NUMBER, InvalidInput, check_choice, choose_from, list_names, short
+from framework.errors import (
+    LARGEST_NUMBER,
+    InvalidInput,
+    check_choice,
+    choose_from,
+    list_names,
+    real_numbers,
+    short,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import MAX_ROWS, CheckedNumbers, NotNegative, Positive
@@ -41,6 +49,15 @@ class Recording(ReadOnlyArrays):
     lines: tuple[int, ...] = ()  # (T,) of the file, counted from 1 with the header; empty without a file
     others: Names = ()  # columns of the file that are not read
     left_out: int = 0  # rows that lack a number or repeat the one before
+
+    def __post_init__(self) -> None:
+        """Refuse values of another shape than (T, columns)."""
+        values = real_numbers("values", self.values)
+        if values.ndim != 2 or values.shape[1] != len(self.names):
+            columns = f"a row for each sample, and columns {', '.join(map(str, self.names))}"
+            raise InvalidInput(f"values: need {columns}, got an array of shape {values.shape}")
+        self.__dict__["values"] = values
+        super().__post_init__()
 
     def __len__(self) -> int:
         """Return the number of samples T."""
@@ -68,7 +85,7 @@ class Recording(ReadOnlyArrays):
 
     def _select(self, names: Sequence[str]) -> Array:
         """Return the columns `names` (k,) as an array (T, k)."""
-        missing = [name for name in names if name not in self.names]
+        missing = [str(name) for name in names if name not in self.names]
         if missing:
             others = ""
             if self.others:

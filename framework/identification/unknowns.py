@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.body_parameters import INERTIAL
-from framework.errors import InvalidInput, check_choice
+from framework.errors import InvalidInput, did_you_mean, list_names, short
 from framework.identification.base_parameters import OF_MOTORS, BaseParameters, LinkParameters
 from framework.kinematics.mechanism import frame_index
 from framework.numerics.arrays import Array, BoolArray, IntArray
@@ -101,7 +101,12 @@ def _free_parameters(base: BaseParameters, links: LinkParameters, only: Sequence
     parts = [name.rpartition(".")[0] for name in names]
     chosen: set[int] = set()
     for asked in only:
-        check_choice("parameter of --only", asked, [PAYLOAD, *GROUPS, *dict.fromkeys(parts), *names])
+        wholes = [PAYLOAD, *GROUPS, *dict.fromkeys(parts)]
+        if asked not in (valid := [*wholes, *names]):
+            raise InvalidInput(
+                f"--only: {short(asked)} is none of {list_names(wholes)}, nor a parameter of one, such as "
+                f"{names[0]}{did_you_mean(asked, valid)}"
+            )
         words = _payload_links(base, links) if asked == PAYLOAD else [asked]
         ends = GROUPS.get(asked, ())
         chosen.update(

@@ -35,17 +35,17 @@ from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.numerics.arrays import Array, IntArray, read_only, select
+from framework.numerics.arrays import Array, IntArray, select
 from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP, SAME_PLACE
 
 MAX_STARTS = 32  # for one group of loops
-MAX_ANSWERS = 32  # of searches, which are remembered
 UNSTATED_WEIGHT = 0.05  # of the offset of a joint that the reference does not state
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
 # options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them
 NEARLY_CLOSING: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
 CLOSING: dict[str, Any] = {"max_nfev": 60, "xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
+STALLED = 1e-6  # relative fall of the squared gaps in a step at which a start stays open
 
 
 class ClosedPose(NamedTuple):
@@ -53,9 +53,6 @@ class ClosedPose(NamedTuple):
 
     q: Array  # (nq,)
     farthest: str  # joint, of those that the reference states, and how far it is away, as in "knee 0.6 rad"
-
-
-_ANSWERS: dict[object, ClosedPose | NotAssembled] = {}  # by tree, start and limits
 
 
 def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -> ClosedPose:
@@ -68,26 +65,6 @@ def find_closed_pose(mechanism: Mechanism, near_platform: Array | None = None) -
         NotAssembled: no start leads to a closed pose; the message names a loop equation and its least
             residual.
     """
-    stated = mechanism.description
-    tree = stated.urdf_text, stated.closures, stated.couplings, tuple(stated.reference.items())
-    start = mechanism.q_near.tobytes(), mechanism.length, mechanism.limits, mechanism.rows.names
-    near = None if near_platform is None else (stated.platform, near_platform.tobytes())
-    question = tree, start, mechanism.flexibility, near
-    if question not in _ANSWERS:  # the proposals of one file ask the same again and again
-        if len(_ANSWERS) == MAX_ANSWERS:
-            _ANSWERS.clear()
-        try:
-            _ANSWERS[question] = _search_closed_pose(mechanism, near_platform)
-        except NotAssembled as failure:
-            _ANSWERS[question] = failure.with_traceback(None)
-    answer = _ANSWERS[question]
-    if isinstance(answer, NotAssembled):
-        raise answer.with_changes()
-    return answer
-
-
-def _search_closed_pose(mechanism: Mechanism, near_platform: Array | None) -> ClosedPose:
-    """Find a closed configuration, see `find_closed_pose`."""
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     for group in _group_loops(mechanism, lower, upper, near_platform):
@@ -111,7 +88,7 @@ def _search_closed_pose(mechanism: Mechanism, near_platform: Array | None) -> Cl
         start = np.clip(0.0, group.lower, group.upper)  # q, but for joints beyond their range by rounding
         offsets[group.columns], _residual = group.close(start)
     q = integrate(there, there.q_near, offsets * there.column_scale)
-    return ClosedPose(read_only(q), f"{name} {abs(step[farthest]):.3g} {unit}")  # it is remembered
+    return ClosedPose(q, f"{name} {abs(step[farthest]):.3g} {unit}")
 
 
 def can_close(
@@ -204,7 +181,7 @@ class _Group:
             lambda u: self.slope(u)[self.gaps],
             bounds=bounds,
             tr_solver=solver,
-            **CLOSING,
+            **{**CLOSING, "ftol": STALLED},
         )
         return answer.x, float(np.abs(answer.fun).max())
 
@@ -383,12 +360,14 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length
     best = f"{group.rows.names[row]} stays {residual:.3g} {unit} apart"
+    advice = "check the link lengths and the closures, or give a reference near to an assembled configuration"
+    if np.abs(group.slope(u)[row]).max() < LOOP_GAP:  # as across the plane of a planar loop
+        advice = "no joint changes this gap: place the two frames alike along it"
     if gap[row] < LOOP_GAP:  # the equations are closed, so a closure must be flipped
         best = f"{find_flipped_closure(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
-        f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "
-        f"reference near to an assembled configuration",
+        f"leads to a closed pose; in the best {best}; {advice}",
         name=mechanism.name,
         q=q,
         residual=residual,

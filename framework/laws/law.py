@@ -360,6 +360,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
         both ends has the factor (1 - x^2)^smoothness, and none at an end in motion. This factor is divided
         out because rounding would decide the sign of s' near the ends.
         """
+        if smoothness not in range(self.degree + 1):
+            raise InvalidInput(f"smoothness: needs a whole number up to {self.degree}, got {smoothness!r}")
         return _least_speed_ratio(self, ends.zeros(smoothness))
 
 

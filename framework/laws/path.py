@@ -20,7 +20,7 @@ from framework.numerics.chebyshev import gauss_legendre
 from framework.tolerances import PATH_JUMP, SAME_PLACE, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # of the derivatives of x and s that the torque of an elastic robot needs
-HIGHEST_STATED = 8  # of those that an end in motion may state; springs with inertia follow ever higher ones
+HIGHEST_STATED = 10  # of those that an end in motion may state; springs with inertia follow ever higher ones
 NO_KNOTS: Array = read_only(np.empty(0))
 GRID_INTERVALS = 4096  # of the grids of s on which derivatives of a user's own path are compared
 

@@ -280,9 +280,8 @@ class SpeedSpace(NamedTuple):
     ) -> Array:
         """Compute the coefficients (size,) near y that meet equalities and required instants.
 
-        Newton's method solves the equations. Of all steps with A step = -values, the linearised equations, it
-        takes the one of least cost step' W step, see `_inverse_weights`. This is the step
-        -W^-1 A' (A W^-1 A')^-1 values.
+        Newton's method solves the equations. Of all steps that solve the linearised equations it takes F v
+        with the least |v|, see `_weight_factor`.
 
         Args:
             equalities: affine functions (c,) of the coefficients that must vanish.
@@ -294,7 +293,7 @@ class SpeedSpace(NamedTuple):
             InvalidInput: a Newton step on the instants leads to a z that is not positive.
         """
         max_steps = 12  # of Newton's method, which starts near the solution
-        inverse_weights = self._inverse_weights(y, relative)
+        F = self._weight_factor(y, relative)
         matrix = SparseRows.of(equalities.matrix).toarray()
         edges = None  # of the panels of the last step
         for _ in range(max_steps):
@@ -308,23 +307,21 @@ class SpeedSpace(NamedTuple):
             norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
-            directions = inverse_weights @ A.T  # (size, c) W^-1 A'
             # least squares, as equalities may depend on each other
-            multipliers = np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
-            step = directions @ multipliers
+            step = F @ np.linalg.lstsq(A @ F, values / norms, rcond=None)[0]
             y = y - step
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
                 break
         return y
 
-    def _inverse_weights(self, y: Array, relative: bool) -> Array:
-        """Return W^-1 (n, n), where step' W step is the cost of changing the coefficients y (n,) by a step.
+    def _weight_factor(self, y: Array, relative: bool) -> Array:
+        """Return F (n, n) with which a change F v of the coefficients y (n,) costs |v|^2.
 
-        Splines have W^-1 = diag(y) K diag(y), so that coefficients change in proportion to their size, and
+        Splines have F F' = diag(y) K diag(y), so that coefficients change in proportion to their size, and
         with K = exp(-(distance / width)^2) + independence I hardly otherwise than their neighbours. For a
-        single polynomial W is diagonal and grows with the degree. If changes of a polynomial are `relative`
-        to z, step' W step is the mean of (change of z / z)^2, times the squared mean of z, plus a term that
-        grows with the degree.
+        single polynomial F is diagonal and falls with the degree. If changes of a polynomial are `relative`
+        to z, |v|^2 is the mean of (change of z / z)^2, times the squared mean of z, plus a term that grows
+        with the degree.
         """
         n = len(y)
         if self.basis.is_spline:
@@ -335,17 +332,17 @@ class SpeedSpace(NamedTuple):
             size = np.maximum(np.abs(y), min_relative_size * np.abs(y).mean())  # (n,)
             distance = (self.basis.centres[:, None] - self.basis.centres) / width
             K = np.exp(-(distance**2)) + independence * np.eye(n)
-            return size[:, None] * K * size
+            return size[:, None] * np.linalg.cholesky(K)
         free_degree = 8.0  # Chebyshev coefficients up to this degree change at little cost
-        degree_weight_power = 4.0  # by which the cost of a change grows with the degree
+        weight_power = 2.0  # by which the size of a change falls with the degree
         degree = np.arange(n)
         if not relative:
-            return np.diag((1.0 + degree) ** -degree_weight_power)
+            return np.diag((1.0 + degree) ** -weight_power)
         values = chebyshev.chebvander(nodes(4 * n), n - 1)  # (4 n, n) T_k, four samples for each coefficient
         z = values @ y
-        change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)  # mean of (change of z / z)^2
-        degree_cost = np.diag((degree / free_degree) ** degree_weight_power)
-        return np.linalg.inv(change_cost + degree_cost)
+        change = values * (z.mean() / z / np.sqrt(len(z)))[:, None]  # (4 n, n)
+        rows = np.vstack([change, np.diag((degree / free_degree) ** weight_power)])
+        return np.linalg.inv(np.linalg.qr(rows, mode="r"))
 
     def _linearise_instants(
         self, y: Array, at: Array, edges: Array | None = None

@@ -128,6 +128,7 @@ class Closure:
     frames: tuple[str, str]
     axes: Names
     length: float | None = None
+    omits_axis: bool = False  # whether the file leaves out the axis of its kind, which is z then
 
     def __post_init__(self) -> None:
         """Refuse unknown rows, a missing length, and a length that no row needs."""

@@ -105,30 +105,30 @@ def describe_tree(
     table = RobotReader(tree, locked).table(is_coupled=is_coupled)
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
-    robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
+    couplings = [*robot["couplings"], *(mimic for mimic in mimics if mimic.joint not in coupled)]
 
-    remaining, coupled_to_locked = lock_couplings(robot["couplings"], locked)
+    remaining, coupled_to_locked = lock_couplings(couplings, locked)
     if coupled_to_locked:
         # start again: joints that follow locked ones are locked, too
         return parse_robot(path, {**content, "locked": {**locked, **coupled_to_locked}}, parameters)
-
-    _sort_springs(robot, locked)
     robot["couplings"] = tuple(remaining)
+    _sort_springs(robot, locked)
     for key in ("reference", "joints"):
         robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
 
     joints = declared_dynamics(tree)  # which the file overrides
-    for name, values in robot.pop("joints").items():
+    for name, values in robot["joints"].items():
         joints[name] = replace(joints.get(name, JointDynamics()), **values)
-    description = RobotDescription(
-        name=path.stem,
-        file=path,
-        urdf_text=text,
-        joints=joints,
-        parameters=dict(parameters),
-        **robot,
-    )
-    _check_scenes(description)
+    robot |= {"joints": joints, "parameters": dict(parameters)}
+    description = RobotDescription(name=path.stem, file=path, urdf_text=text, **robot)
+    axes = description.platform.names
+    for name, scene in description.scenes.items():
+        for i, point in enumerate(scene.points):
+            if len(point) != len(axes):
+                raise RobotFileError(
+                    f"scenes.{name}.{scene.kind}[{i}]: needs {len(axes)} numbers, one for each axis of the "
+                    f"platform ({', '.join(axes)}), got {list(point)}"
+                )
     _check_names(description, tree)
     return ParsedRobot(description, tree)
 
@@ -189,18 +189,6 @@ def _read_urdf(folder: Path, values: Mapping[str, Any], parameters: Mapping[str,
 
 
 # ------------------------------------------------------------------ checks across keys
-
-
-def _check_scenes(description: RobotDescription) -> None:
-    """Refuse path points without one number per axis of the platform."""
-    axes = description.platform.names
-    for name, scene in description.scenes.items():
-        for i, point in enumerate(scene.points):
-            if len(point) != len(axes):
-                raise RobotFileError(
-                    f"scenes.{name}.{scene.kind}[{i}]: needs {len(axes)} numbers, one for each axis of the "
-                    f"platform ({', '.join(axes)}), got {list(point)}"
-                )
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:

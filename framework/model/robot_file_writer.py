@@ -53,7 +53,14 @@ def write_robot_file(
         urdf_text = _relocate_meshes(description.urdf_text, source.parent, out)
         (temporary / f"{name}.urdf").write_text(urdf_text, encoding="utf-8")
         written = temporary / f"{name}.yaml"
-        text = _yaml_text(description, comments)
+        head = [f"Converted from {source.name}. SI units: m, kg, s, rad, N, N m.", *comments]
+        text = "".join(f"# {' '.join(line.split())}\n" for line in head) + yaml.safe_dump(
+            robot_document(description),
+            sort_keys=False,
+            default_flow_style=None,
+            allow_unicode=True,
+            width=110,
+        )
         written.write_text(f"{_seal(text, urdf_text)}\n{text}", encoding="utf-8")
         try:
             read_robot_file(written)
@@ -179,16 +186,6 @@ def _scene_entry(scene: Scene) -> Document:
     stated = {key: value for key, value in asdict(scene).items() if value is not None}
     del stated["name"]
     return {stated.pop("kind"): stated.pop("points")} | stated
-
-
-def _yaml_text(description: RobotDescription, comments: Iterable[str]) -> str:
-    """Return the text of a robot file, with source, units and comments at the top."""
-    head = [f"Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.", *comments]
-    document = robot_document(description)
-    content = yaml.safe_dump(
-        document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
-    )
-    return "".join(f"# {' '.join(line.split())}\n" for line in head) + content
 
 
 def _relocate_meshes(text: str, old: Path, new: Path) -> str:

@@ -230,10 +230,12 @@ class RobotReader:
             if content["kind"] in kinds_with_length():
                 table["length"] = required(positive)
             else:
-                table["axis"] = optional(one_of("closure axis", tuple("xyz")), "z")
+                table["axis"] = optional(one_of("closure axis", tuple("xyz")))
             values = read_table(where, given, table)
-            axes = locked_axes(values["kind"], values.get("axis", "z"))
-        return Closure(values["name"], values["frames"], axes, values.get("length"))
+            axes = locked_axes(values["kind"], values.get("axis") or "z")
+        has_axis = values.get("axis") is not None or "axes" in content
+        omits_axis = not has_axis and set(axes) != set(locked_axes(values["kind"], "x"))
+        return Closure(values["name"], values["frames"], axes, values.get("length"), omits_axis)
 
     def pair_of_frames(self, where: str, given: Any) -> tuple[str, str]:
         """Read two frames of different bodies."""

@@ -91,7 +91,7 @@ class Feasibility:
 
     @property
     def pace(self) -> float | None:
-        """The duration [s] of the whole path from rest at the constant s" that is required at s' = 0.
+        """The duration [s] of the whole path, from or to rest, at the constant s" required at s' = 0.
 
         It is (2 / |s"|)^(1/2), from 1 = |s"| t^2 / 2. None where s" has no effect, or without weight.
         """
@@ -99,6 +99,11 @@ class Feasibility:
             return None
         required, _, _ = self.acceleration  # s" at s' = 0
         return float(np.sqrt(2.0 / abs(required)))
+
+    @property
+    def _rest(self) -> str:
+        """Whether the s" required at s' = 0 starts a motion or brakes it, in words."""
+        return "from rest" if self.acceleration is None or self.acceleration[0] > 0.0 else "to rest"
 
     @property
     def forbids_every_law(self) -> bool:
@@ -123,7 +128,7 @@ class Feasibility:
         """The acceleration that the condition requires, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
         # weight sets a pace that no choice of the duration changes
-        pace = "" if self.pace is None else f", which covers the path from rest in {self.pace:.3g} s"
+        pace = "" if self.pace is None else f", which covers the path {self._rest} in {self.pace:.3g} s"
         return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
 
     def _demand_text(self) -> str:
@@ -153,7 +158,7 @@ class Feasibility:
         if self.steady_speed is not None:
             clauses.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
         if self.pace is not None:
-            clauses.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
+            clauses.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path {self._rest}")
         elif self.condition.delta:
             clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         else:

@@ -40,8 +40,6 @@ MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that n
 # laws that each round of the search draws for each open time or speed; largest number of rounds
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
 
-# from times and speeds (m, k) of the k crossings of m laws to least speed ratio (m,) and peak |s"| (m,)
-Measure = Callable[[Array, Array], tuple[Array, Array]]
 # advice where times or speeds do not suit the duration
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
@@ -292,10 +290,8 @@ def undeformed_polynomial(
     crossings = [
         require_effect(to_cross.branch, point, deflected=False) for point in to_cross.crossing_points
     ]
-    s = [point.s for point in crossings]
-    measure = partial(_measure_laws, crossings, request)
     try:
-        timing = choose_timing(s, request, measure, searched=searched) if s else ()
+        timing = choose_timing(crossings, request, searched=searched) if crossings else ()
         law = _solve_law(crossings, timing, request)
         _refuse_turning_back(law, request, [point.s for point in to_cross.points])
         return law, timing
@@ -306,22 +302,6 @@ def undeformed_polynomial(
         if raised is None:
             raise refusal.adding(f"nor was one of degree {RAISED_DEGREES[-1]} found") from None
         return raised
-
-
-def _measure_laws(
-    crossings: Sequence[SingularPoint], request: Request, times: Array, speeds: Array
-) -> tuple[Array, Array]:
-    """Compute least speed ratio and peak |s"| (m,) [1/s^2] of m laws through k crossings.
-
-    Args:
-        times, speeds: (m, k) of the crossings [s], s' [1/s]; condition (8), t_s . W_p = 0, adds s".
-    """
-    accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
-    for k, point in enumerate(crossings):
-        accelerations[:, k] = point.acceleration_at(speeds[:, k])
-    s = [point.s for point in crossings]
-    values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
-    return speed_ratios_and_peaks(request.fixed_duration, request.smoothness, times, values, request.ends)
 
 
 def _refuse_turning_back(law: PlannedLaw, request: Request, s: Sequence[float]) -> None:
@@ -362,8 +342,9 @@ def _raise_degree(
         raised = search.find(request.speeds)
         if raised is None:
             continue
-        timing = tuple(map(CrossingTime, request.times, raised.speeds.tolist()))
-        law = _solve_law(crossings, timing, request, raised.high)
+        speeds, high = raised
+        timing = tuple(map(CrossingTime, request.times, speeds.tolist()))
+        law = _solve_law(crossings, timing, request, high)
         if law.least_speed_ratio(request.smoothness, request.ends) > 0.0:
             yield law, timing
 
@@ -372,18 +353,15 @@ def _raise_degree(
 
 
 def choose_timing(
-    s: Sequence[float], request: Request, measure: Measure, *, searched: bool = True
+    crossings: Sequence[SingularPoint], request: Request, *, searched: bool = True
 ) -> tuple[CrossingTime, ...]:
-    """Choose times and speeds of the crossings at ascending path coordinates s (k,).
+    """Choose times and speeds of the crossings (k,), in their order on the path.
 
     Times or speeds of the request are kept. Candidates for the open ones are tried in turn: first those of
     the law without crossing conditions, then faster ones. The first candidate whose least speed ratio
     reaches COMFORTABLE_ADVANCE is chosen. If there is none, times and speeds are searched.
 
     Args:
-        measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns the
-            least speed ratio (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `speed_ratios_and_peaks`
-            does.
         searched: whether times and speeds are searched if no candidate will do.
 
     Raises:
@@ -392,7 +370,8 @@ def choose_timing(
     if request.times is not None and request.speeds is not None:
         # nothing is open; `check_advance` judges the law
         return tuple(map(CrossingTime, request.times, request.speeds))
-    score_laws = partial(_score_laws, request.fixed_duration, measure)
+    s = [point.s for point in crossings]
+    score_laws = partial(_score_laws, crossings, request)
     starts = _first_timings(s, request)  # (m, 2, k)
     scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
@@ -446,7 +425,7 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     return np.stack([times, speeds], axis=1)
 
 
-def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
+def _score_laws(crossings: Sequence[SingularPoint], request: Request, timings: Array) -> Array:
     """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
     The score is the least speed ratio of the law. A law that reaches COMFORTABLE_ADVANCE scores
@@ -454,17 +433,23 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
     or speeds score negative infinity.
 
     Args:
-        duration: of the laws [s].
-        measure: a function of times and speeds (m, k), which returns least speed ratio (m,) and peak |s"|
-            (m,).
+        crossings: k points with their s; condition (8), t_s . W_p = 0, gives s" for s'.
         timings: times [s] and speeds [1/s] of the k crossings of each law.
     """
     min_separation = 1e-3  # of crossings from each other and from the ends, over the duration
+    duration = request.fixed_duration
     times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
     possible = (separation >= min_separation * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
-    speed_ratios, peaks = measure(times[possible], speeds[possible])
+    s, speeds = np.broadcast_arrays([point.s for point in crossings], speeds[possible])
+    accelerations = np.empty_like(speeds)
+    for k, point in enumerate(crossings):
+        accelerations[:, k] = point.acceleration_at(speeds[:, k])
+    values = np.stack([s, speeds, accelerations], axis=2)  # (m, k, 3)
+    speed_ratios, peaks = speed_ratios_and_peaks(
+        duration, request.smoothness, times[possible], values, request.ends
+    )
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
     scores[possible] = np.where(speed_ratios < COMFORTABLE_ADVANCE, speed_ratios, by_peak)
     return scores

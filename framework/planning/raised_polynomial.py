@@ -35,13 +35,6 @@ MAX_CUTS = 6  # rounds of adding samples where p dips between the samples
 ADVANCE_SHARE = 0.8  # of the largest advance that the gentlest law has to reach, and of that between samples
 
 
-class RaisedPolynomial(NamedTuple):
-    """The speeds (k,) [1/s] at the crossings, and the coefficients of the law above its least degree."""
-
-    speeds: Array
-    high: Array
-
-
 class _Candidate(NamedTuple):
     """The law of the best p for given speeds (k,), in paths per duration.
 
@@ -79,8 +72,12 @@ class RaisedDegree:
     conditions: Sequence[Condition8]
     enough: float
 
-    def find(self, speeds: Sequence[float] | None) -> RaisedPolynomial | None:
-        """Find a law that advances, with given speeds (k,) [1/s] or open ones; None without one."""
+    def find(self, speeds: Sequence[float] | None) -> tuple[Array, Array] | None:
+        """Find a law that advances, with given speeds (k,) [1/s] or open ones; None without one.
+
+        Returns:
+            The speeds (k,) [1/s] at the crossings, and the coefficients of the law above its least degree.
+        """
         least_degree = self.ends.least_degree(self.smoothness, len(self.places))
         if least_degree >= self.degree:
             return None
@@ -100,7 +97,7 @@ class RaisedDegree:
         if speeds is None:
             gentle = self._improve(gentle, min_advance=min_advance)
         gentle = self._lift_dips(gentle, min_advance)
-        return RaisedPolynomial(gentle.speeds / self.duration, (self._to_s @ gentle.p)[least_degree + 1 :])
+        return gentle.speeds / self.duration, (self._to_s @ gentle.p)[least_degree + 1 :]
 
     def _lift_dips(self, law: _Candidate, min_advance: float) -> _Candidate:
         """Solve again with further samples where p dips below `min_advance` between the samples."""

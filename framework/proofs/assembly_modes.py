@@ -53,6 +53,7 @@ from framework.proofs.passive_joints import (
     find_joints_at_pose,
     has_one_solution_near,
     remove_whole_turns,
+    turn_within_ranges,
 )
 from framework.proofs.study_quadric import (
     Displacements,
@@ -185,7 +186,8 @@ def _modes_of(
     order = np.argsort(distances, kind="stable")
     distinct = order[distinct_rows(shown_places(robot, turned[order]))]
     x = [_platform_coordinates(robot, frames_at(robot, pose[None])) for pose in turned]
-    return tuple(AssemblyMode(turned[k], x[k], proved[k]) for k in distinct)
+    within = turn_within_ranges(robot, turned, robot.passive)
+    return tuple(AssemblyMode(within[k], x[k], proved[k]) for k in distinct)
 
 
 def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:

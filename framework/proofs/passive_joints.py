@@ -13,7 +13,9 @@ import numpy as np
 from framework.kinematics.closures import scaled_equations
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at, passive_matrix, type1_matrix
+from framework.kinematics.mechanism import velocity_columns
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import single_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import cross
 from framework.numerics.rotations import wrap_angles
@@ -128,6 +130,24 @@ def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray | slice = 
 def remove_whole_turns(robot: ParallelRobot, q: Array) -> Array:
     """Turn passive hinges of q (..., nq) to within half a turn of the reference."""
     return integrate(robot, robot.reference.q, shortest_offset(robot, q, robot.passive))
+
+
+def turn_within_ranges(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
+    """Turn hinges in `columns` of q (T, nq) by whole turns into their ranges, endless ones to (-pi, pi].
+
+    Hinges stay if no whole turn leads into their range, and if a coupling counts their turns.
+    """
+    coupled = [name for coupling in robot.description.couplings for name in coupling.joints]
+    turning = np.isin(columns, list(single_columns(robot.model))) & ~robot.sliding[columns]
+    hinges = np.setdiff1d(columns[turning], velocity_columns(robot.model, coupled))
+    lower, upper = robot.joint_ranges[:, hinges]
+    angle = robot.coordinates.positions(q)[:, hinges]  # (T, hinges)
+    whole_turn = 2.0 * np.pi
+    up, down = np.maximum(lower - angle, 0.0), np.maximum(angle - upper, 0.0)
+    turned = angle + whole_turn * (np.ceil(up / whole_turn) - np.ceil(down / whole_turn))
+    turned = np.where((lower <= turned) & (turned <= upper), turned, angle)
+    turned = np.where(np.isinf(upper - lower), -wrap_angles(-angle), turned)
+    return integrate_columns(robot, q, hinges, turned - angle)
 
 
 def distance_from_reference(robot: ParallelRobot, q: Array) -> float:

@@ -21,7 +21,7 @@ from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.homotopy import Status
 from framework.proofs.leg_solutions import MAX_COMBINATIONS, solve_legs
-from framework.proofs.passive_joints import has_one_solution_near, shortest_offset
+from framework.proofs.passive_joints import has_one_solution_near, shortest_offset, turn_within_ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = solve_legs(robot, robot.reference.q, robot.moving, x)
-    q = _turn_within_limits(robot, solutions.q)  # (T, nq)
+    q = turn_within_ranges(robot, solutions.q, robot.joints)  # (T, nq)
     signs = leg_signs(robot, linearised_at(robot, q, np.tile(x, (len(q), 1))))
     motors = robot.actuated_coordinates(q)
     within_limits = np.all(shares_beyond_limits(robot.limits, q) <= 0.0, axis=1)  # > 0 beyond a limit
@@ -102,18 +102,3 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
         proved_legs=solutions.complete,
         are_all=solutions.are_all,
     )
-
-
-def _turn_within_limits(robot: ParallelRobot, q: Array) -> Array:
-    """Turn hinges of q (T, nq) beyond their limits by whole turns, where that leads within these."""
-    if robot.description.couplings:
-        return q  # they count turns
-    q = q.copy()
-    for limit in robot.limits:
-        if limit.unit == "rad":
-            angle = q[:, limit.coordinate]
-            beyond = np.maximum(limit.lower - angle, 0.0) - np.maximum(angle - limit.upper, 0.0)
-            turned = angle + np.sign(beyond) * 2.0 * np.pi * np.ceil(np.abs(beyond) / (2.0 * np.pi))
-            fits = (turned >= limit.lower) & (turned <= limit.upper)
-            q[:, limit.coordinate] = np.where(fits, turned, angle)
-    return q

@@ -192,7 +192,7 @@ def film_limit(film: Film, films: Sequence[Film]) -> Array:
     """Return the torque limits (n_a,) of a film's picture, common to films with its motors."""
     alike = films_with_motors_of(film, films)
     proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
-    return limit_for_picture(film.robot, np.array(proved or [largest_drawn_torque(film)]))
+    return limit_for_picture(alike, np.array(proved or [largest_drawn_torque(film)]))
 
 
 def films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
@@ -216,13 +216,19 @@ def cut_off_poles(torque: Array) -> float:
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def limit_for_picture(robot: ParallelRobot, torque: Array) -> Array:
-    """Return the torque limits (n_a,) [N m] drawn beside torques (T, n_a).
+def stated_limits(films: Sequence[Film]) -> Array:
+    """Return the torque limits (n_a,) [N m] of the first plan, else those of the robot file."""
+    stated = next((film.plan.request.torque_limit for film in films if film.plan is not None), None)
+    return motor_limits(films[0].robot, "torque_limit", stated)
 
-    They are those of the robot file. A motor without one gets 1.5 times the largest finite torque.
+
+def limit_for_picture(films: Sequence[Film], torque: Array) -> Array:
+    """Return the torque limits (n_a,) [N m] drawn beside torques (T, n_a) of films with the same motors.
+
+    A motor without a stated limit gets 1.5 times the largest finite torque.
     """
     peak = np.abs(torque[np.isfinite(torque)]).max(initial=0.0)
-    limits = motor_limits(robot, "torque_limit", stated=None)
+    limits = stated_limits(films)
     return np.where(np.isfinite(limits), limits, 1.5 * peak or 1.0)
 
 

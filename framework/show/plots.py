@@ -272,7 +272,7 @@ def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes
     }
     if plan.crossings:
         # motors without a torque limit get one for this picture
-        drawings["eye"] = lambda: plot_eyes([film], limit_for_picture(plan.robot, film.torque))
+        drawings["eye"] = lambda: plot_eyes([film], limit_for_picture([film], film.torque))
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
     if path_vibrations(plan) is not None:

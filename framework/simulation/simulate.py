@@ -112,7 +112,10 @@ class Simulation(ReadOnlyArrays):
 
     def _states(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return coordinates (T, nq) and rates (T, nv) at t (T,) [s]."""
-        return self.trajectory(np.atleast_1d(real_numbers("t", t)))
+        times = np.atleast_1d(real_numbers("t", t))
+        if times.ndim > 1:
+            raise InvalidInput(f"t: needs an instant or a list of instants (T,) [s], got shape {times.shape}")
+        return self.trajectory(times)
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Compute platform coordinates (T, n) [m, rad] at t (T,) [s]; with order 1 the twist on its axes."""

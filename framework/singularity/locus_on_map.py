@@ -270,25 +270,17 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
 
     turns = x[:, ~equations.robot.translations[axes]]
     is_jump = (np.abs(np.diff(turns, axis=0)) > np.pi).any(axis=1)  # (m - 1,) from pi to -pi
-    leaves_or_enters = is_off[1:] != is_off[:-1]
-    breaks = np.flatnonzero(is_jump | leaves_or_enters | _leaves_mode(equations.robot, curve)) + 1
+    is_break = is_jump | (is_off[1:] != is_off[:-1])  # the curve leaves or enters the branch
+    if equations.robot.structure.varies and curve.kind in TYPE_2_KINDS:
+        # equations are combinations: a leg's determinant has no sign at one pose by itself, so that tracing
+        # has not cut the curve where it leaves its working mode
+        states = ModeStates.of(equations.robot, linearised_at(equations.robot, curve.q))
+        ends = select(states, slice(None, -1)), select(states, slice(1, None))
+        is_break |= ~share_working_mode(equations.robot, *ends)
 
-    parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
+    parts = np.split(np.arange(len(x)), np.flatnonzero(is_break) + 1)  # indices of the points of each part
     parts = [part for part in parts if len(part) > 1 and is_on[part].any()]
     return [MapCurve(x[part], curve.q[part], curve.kind) for part in parts]
-
-
-def _leaves_mode(robot: ParallelRobot, curve: LocusCurve) -> BoolArray:
-    """Return whether a curve of m points leaves its working mode after each but the last, (m - 1,).
-
-    Only where equations are combinations: then tracing cannot cut the curve, as a leg's determinant has no
-    sign at one pose by itself.
-    """
-    if not robot.structure.varies or curve.kind not in TYPE_2_KINDS:
-        return np.zeros(len(curve.q) - 1, dtype=bool)
-    states = ModeStates.of(robot, linearised_at(robot, curve.q))
-    starts, ends = select(states, slice(None, -1)), select(states, slice(1, None))
-    return ~share_working_mode(robot, starts, ends)
 
 
 def _neighbouring_poses(poses: MapPoses, x: Array) -> tuple[Array, Array, BoolArray]:

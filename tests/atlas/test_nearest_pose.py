@@ -20,20 +20,11 @@ from framework.kinematics.modes import mode_signs
 from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.oracles import five_bar_pose
-from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
+from tests.robots import test_gough_stewart, test_orthoglide
+from tests.robots.every_robot import KINDS
 
 CRANK_AND_ROD = 0.5  # [m] stretched, and folded to nothing
 LEG_RANGE = 2.3653505129889623, 4.7307010259779245  # [m]
-
-
-def five_bar_room(x):
-    return CRANK_AND_ROD - np.linalg.norm(x - five_bar_pose.BASES, axis=1)
-
-
-def biglide_room(x):
-    across = test_biglide.ROD**2 - (x[0] - test_biglide.RAILS) ** 2
-    sliders = x[1] + test_biglide.SIDES * np.sqrt(np.maximum(across, 0.0))
-    return np.concatenate([across, 0.5 - np.abs(sliders)])
 
 
 def orthoglide_room(x):
@@ -48,19 +39,9 @@ def gough_stewart_room(x):
     return np.concatenate([lengths - LEG_RANGE[0], LEG_RANGE[1] - lengths])
 
 
-ROOMS = {
-    "five_bar": five_bar_room,
-    "biglide": biglide_room,
-    "orthoglide": orthoglide_room,
-    "gough_stewart": gough_stewart_room,
-}
-REACH = {
-    "five_bar": 1.5,
-    "biglide": 1.5,
-    "orthoglide": 1.2,
-    "gough_stewart": 0.6,
-}  # [lengths, rad] of targets
-STARTS = 6  # of the optimiser, the best of which counts
+ROOMS = {"orthoglide": orthoglide_room, "gough_stewart": gough_stewart_room}
+REACH = {"orthoglide": 1.2, "gough_stewart": 0.6}  # [lengths, rad] of targets
+STARTS = 4  # of the optimiser, the best of which counts
 
 
 def targets_out_of_reach(robot, count, rng):
@@ -96,7 +77,7 @@ def least_distance(robot, target, rng):
 @pytest.mark.parametrize("name", ROOMS)
 def test_no_pose_of_closed_forms_is_nearer(name):
     robot, rng = robots.load(name), np.random.default_rng(3)
-    for target in targets_out_of_reach(robot, 3, rng):
+    for target in targets_out_of_reach(robot, 2, rng):
         nearest = nearest_pose(robot, target)
         distance = np.linalg.norm((nearest.x - target) / robot.platform_scale)
         assert distance < least_distance(robot, target, rng) + 1e-3
@@ -145,7 +126,7 @@ def slider_crank(folder, angle, lower, upper, slide=""):
     )
 
 
-@pytest.mark.parametrize("angle", [0.3, 0.9, 1.4, -1.3])
+@pytest.mark.parametrize("angle", [0.9, -1.3])
 def test_the_nearest_pose_is_within_ranges_whatever_the_reference(tmp_path, angle):
     """At crank angle a the block is at CRANK cos a + sqrt(ROD^2 - (CRANK sin a)^2), which falls with |a|."""
     robot = slider_crank(tmp_path, angle, -0.4, 0.5)
@@ -185,8 +166,7 @@ def test_a_cycle_waits_at_the_nearest_pose_and_returns():
     np.testing.assert_allclose(cycle.x, x, rtol=0, atol=1e-9)
 
 
-REDUNDANT = ("standing_quadruped", "two_arms")  # motors, which no cycle takes
-CYCLES = [name for name in robots.CATALOGUE if name not in REDUNDANT]
+CYCLES = [name for name in KINDS if name != "two_arms"]  # redundant motors, which no cycle takes
 
 
 @pytest.mark.parametrize("name", CYCLES)

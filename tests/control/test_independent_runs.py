@@ -111,7 +111,7 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
 
 
 @pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", ["feedforward", "lqg"])
 def test_a_run_alone_is_the_run_among_others(controller, sensors):
     """From the start to the verdict, with everything that may differ."""
     ref = reference("five_bar", 2e-2)
@@ -123,6 +123,7 @@ def test_a_run_alone_is_the_run_among_others(controller, sensors):
         for k, run in enumerate(some):
             assert alone.why[k] == together.why[run]
             assert alone.tracking_error[k] == together.tracking_error[run]
+            np.testing.assert_array_equal(alone.peak_torque[k], np.abs(together.torque[:, run]).max(axis=0))
             np.testing.assert_array_equal(alone.x[:, k], together.x[: len(alone.x), run])
             np.testing.assert_array_equal(alone.torque[:, k], together.torque[: len(alone.torque), run])
 
@@ -159,7 +160,7 @@ def test_a_run_whose_equations_are_singular_leaves_the_others_alone():
 
 
 @pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", ["computed_torque", "lqg"])
 def test_a_run_that_runs_away_leaves_its_neighbours_alone(name, sensors):
     plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
     controller = tuned_controller(name, reference_of(plan, period=1e-2))

@@ -51,7 +51,6 @@ def reference(name, scene, flexibility, period=1e-3):
     [
         ("five_bar", "C", "flexible_links"),  # links without mass: deflections in static balance
         ("five_bar_heavy", "C", "flexible_links"),
-        ("delta", "pick", "flexible_joints"),
         ("two_arms", "lift", "rigid"),  # redundant motors
     ],
 )
@@ -153,20 +152,23 @@ def test_gravity_and_torques_are_disturbances_in_their_units():
 
 @pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    ("name", "sensors", "delay"),
+    ("name", "sensors", "delay", "within"),
     [
-        ("lqr", "joints", 2e-3),
-        ("lqg", "motors", 2e-3),
-        pytest.param("lqr", "joints", 0.0, marks=pytest.mark.slow),
-        pytest.param("lqg", "motors", 0.0, marks=pytest.mark.slow),
+        ("lqr", "joints", 2e-3, 1e-5),
+        ("lqg", "motors", 2e-3, 1e-5),
+        ("feedforward", "joints", 2e-3, 5e-4),  # whose gains do not know the delay
+        pytest.param("lqr", "joints", 0.0, 1e-5, marks=pytest.mark.slow),
+        pytest.param("lqg", "motors", 0.0, 1e-5, marks=pytest.mark.slow),
     ],
 )
-def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(name, sensors, delay, flexibility):
+def test_the_nominal_robot_follows_its_plan_whatever_the_known_delay(
+    name, sensors, delay, within, flexibility
+):
     ref = reference("five_bar", "C", flexibility, 2e-3)
     loop = ControlLoop(sensors=sensors, delay=delay)
     controller = tuned_controller(name, ref, loop=loop, spread=WRONG)
     run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
-    assert run.tracking_error[0] < 1e-5  # robot lengths
+    assert run.tracking_error[0] < within  # robot lengths
 
 
 @pytest.mark.parametrize("delay", [0.0, 1e-2])
@@ -300,15 +302,6 @@ def test_a_robot_with_other_springs_is_read_by_its_own_readings():
     np.testing.assert_allclose(z[1, :2], [1.0, 0.0], atol=1e-15)
 
 
-@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
-def test_a_sample_of_delay_does_not_destabilise_the_default_gains(flexibility):
-    ref = reference("five_bar", "C", flexibility, 2e-3)
-    loop = ControlLoop(delay=2e-3)
-    controller = tuned_controller("feedforward", ref, loop=loop)
-    run = run_closed_loop(controller, loop, Spread(), [draw(ref.robot, Spread(), (0, 0))])
-    assert run.tracking_error[0] < 5e-4
-
-
 @pytest.mark.parametrize("name", ["feedforward", "computed_torque"])
 def test_the_integral_of_a_constant_error_grows_with_time(name):
     """At rest at the start, the motors beside the plan: the torque grows by as much every period."""
@@ -373,10 +366,9 @@ def test_the_command_suggests_sensors_and_sweeps_gains(document, crossing, refus
     assert "no sensors" in refusal(1, *short, "--sensors", "suggest", "--tolerance", "1e-9")
 
 
-@pytest.mark.parametrize("delay", [0.0, 1e-2])
-def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing, delay):
+def test_an_exported_controller_runs_alone_as_ours_does(tmp_path, crossing):
     """A program of its own reads the table, and asks for the same torques to rounding."""
-    file = tmp_path / "move.csv"
+    file, delay = tmp_path / "move.csv", 1e-2
     words = ("export", "five_bar", "--scene", "C", "--smoothness", "4", "--to", "controller")
     numbers = ("--period", "5e-3", "--known-delay", str(delay), "--sensors", "motors", "elbows")
     assert crossing(*words, *numbers, "--out", file)[0] == 0

@@ -76,7 +76,7 @@ OTHERS = {
 }
 
 
-AT_ONCE = ("five_bar", "five_bar_heavy", "three_rpr", "spherical_rrr", "two_arms")
+AT_ONCE = ("five_bar", "three_rpr", "spherical_rrr", "two_arms")
 STAGES = in_stages(CASES, at_once=lambda case: case[0] in AT_ONCE and case[1] != "flexible_joints")
 
 

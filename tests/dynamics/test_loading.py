@@ -62,7 +62,6 @@ def followed(x, w):
     [
         (0.27, -300.0, True),  # above the locus and pushed onto it: a truss that snaps through
         (0.27, 300.0, False),
-        (0.36, -300.0, False),
         (0.22, -300.0, False),  # below it the same force pulls away
         (0.22, 1500.0, True),
     ],

@@ -96,7 +96,6 @@ def test_one_step_squares_a_small_error():
     ("name", "scene", "duration"),
     [
         ("standing_quadruped", "sway", 0.35),  # redundant motors
-        ("three_rpr", "crossing", 0.35),
         pytest.param("delta", "cross", 0.12, marks=pytest.mark.slow),
     ],
 )

@@ -153,7 +153,7 @@ def _wrong(code: int, out: str, err: str, *, machine: bool) -> str:
     if code and not (err.startswith("crossing: ") and is_one_line(err)):
         return "not one line"
     found_elsewhere = code == 1 and "they do at the pose that is printed as reference" in err
-    not_square = code == 2 and "A is not square" in err
+    not_square = code == 2 and ("A is not square" in err or "do not tell" in err)
     diagnosed = found_elsewhere or not_square  # `check` prints what it has found, and what is wrong with it
     if code and out and not machine and not diagnosed:
         return "refused, and yet an answer"

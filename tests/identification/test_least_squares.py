@@ -39,3 +39,31 @@ def test_a_noisy_acceleration_attenuates_nothing_and_widens_the_interval():
     attenuated = inertia / (1.0 + G * noise**2 / squares)
     assert abs(10.0 * found.values[0] - inertia) < 2.0 * deviation
     assert abs(attenuated - inertia) > 6.0 * deviation
+
+
+def test_forces_that_no_parameter_makes_leave_no_more_than_the_torques_themselves():
+    """A force at 2 Hz beside that of an inertia b: least squares find b, as the two are orthogonal.
+
+    At 20 Hz there is little motion and a small force, by which b alone would be 6 times as large. Weights
+    that take what is left at 2 Hz for noise lead there, and leave 3.6 times the torques.
+    """
+    t = 0.01 * np.arange(1000)
+    slow, fast = 2.0 * np.pi * 2.0 * t, 2.0 * np.pi * 20.0 * t
+    acceleration = np.sin(slow) + 0.02 * np.sin(fast)
+    noise = 0.003 * np.random.default_rng(0).standard_normal(len(t))
+    torque = acceleration + np.cos(slow) + 0.1 * np.sin(fast) + noise
+    none = eye_array(len(t), format="csr")
+    rows = TorqueRows(
+        times=t,
+        matrix=acceleration[:, None, None],
+        response=np.zeros((len(t), 1, 1, 1)),
+        constant=np.zeros((len(t), 1)),
+        torque=torque[:, None],
+        valid=np.ones((len(t), 1), dtype=bool),
+        independent=1.0,
+        errors=SplineErrors(none, none),
+    )
+    found = estimate(rows, np.array([[10.0]]), np.zeros(1), {})
+    assert found.noise[0] < np.sqrt(np.mean(torque**2))
+    inertia = 10.0 * found.values[0]
+    assert abs(inertia - 1.0) < abs(inertia - 6.0)

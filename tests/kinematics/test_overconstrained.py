@@ -194,7 +194,7 @@ def test_two_arms_have_no_singular_point_where_the_rods_are_not_in_line(arms, tm
     expect_signs(arms, robot, path)
 
 
-@pytest.mark.parametrize("error", [0.0, 1e-10, 1e-8, 1e-6])
+@pytest.mark.parametrize("error", [0.0, 1e-8])
 def test_torques_of_mirrored_paths_are_mirrored_also_with_a_rod_that_is_off(tmp_path, error):
     robot = TwoArms(rod_error=error).robot(tmp_path)
     left, right = (

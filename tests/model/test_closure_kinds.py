@@ -88,8 +88,8 @@ def test_what_a_kind_leaves_free_keeps_the_loop_closed_at_any_angle(kind, axis, 
         np.testing.assert_allclose(residual, 0.0, atol=1e-15)  # rounding of numbers of order one
 
 
-@pytest.mark.parametrize("angle", [0.3, np.pi / 2])  # at a right angle rows may take each other's place
-@pytest.mark.parametrize("amount", [1e-3, -1.2])
+# at a right angle rows may take each other's place
+@pytest.mark.parametrize(("amount", "angle"), [(1e-3, np.pi / 2), (-1.2, 0.3), (-1.2, np.pi / 2)])
 @pytest.mark.parametrize(("kind", "axis"), KINDS)
 def test_what_a_kind_locks_opens_the_loop_wherever_it_stands(kind, axis, amount, angle):
     names = locked(kind, axis)

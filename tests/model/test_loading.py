@@ -13,6 +13,7 @@ from framework.model import read_robot_file
 from framework.model.documents import parse_yaml
 from framework.model.readers import read_any
 from tests.model.readers.test_dialects import FIVE_BARS
+from tests.robots.every_robot import KINDS
 from tests.watchdog import bounded
 
 QUICK = 5.0  # [s] of processor time in which a file is refused
@@ -57,7 +58,7 @@ def test_every_dialect_takes_one_parse_of_each_of_its_files(parses, name):
     assert parses == {"XML": 1, "YAML": 1} if name in ("own", "gepetto", "gepetto folder") else {"XML": 1}
 
 
-@pytest.mark.parametrize("name", robots.CATALOGUE)
+@pytest.mark.parametrize("name", KINDS)
 def test_the_urdf_that_was_read_is_the_one_that_the_text_says(name):
     file = robots.CATALOGUE[name].file
     direct = ParallelRobot.from_file(file, flexibility="flexible_links")

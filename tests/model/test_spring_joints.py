@@ -12,6 +12,7 @@ from framework.kinematics.tree_model import tree_model
 from framework.model.description import Spring
 from framework.model.urdf_edits import insert_springs
 from framework.model.urdf_elements import read_tree
+from tests.robots.every_robot import KINDS
 
 # A motor, an elbow turned about x and a tip turned about z, so that frames and base differ.
 ARM = """
@@ -79,7 +80,7 @@ def test_the_rigid_robot_is_the_untouched_urdf():
     assert model_of(REVOLUTE, []) == model_of(REVOLUTE)
 
 
-@pytest.mark.parametrize("name", robots.CATALOGUE)
+@pytest.mark.parametrize("name", KINDS)
 def test_with_springs_at_rest_all_links_are_where_the_rigid_robot_has_them(name):
     rigid, elastic = robots.load(name), robots.load(name, flexibility="flexible_links")
     for _ in range(2):

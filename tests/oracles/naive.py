@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tests.oracles.planar import BASES, END, LENGTH, PAYLOAD, START, legs, load_torque, on_line
+from tests.oracles.planar import BASES, END, LENGTH, PAYLOAD, START, load_torque, on_line
 
 
 def torque_at(law, t: float) -> tuple[float, float]:
@@ -22,19 +22,6 @@ def peak_torque(law, samples: int) -> float:
     """Largest load torque [N m] over equidistant samples of a motion: what a table or a figure shows."""
     values = [torque_at(law, t) for t in np.linspace(0.0, law.duration, samples)]
     return float(np.nanmax(np.abs(values)))
-
-
-def sign_changes(measure: Callable[[float], float], samples: int) -> list[float]:
-    """Places in [0, 1] where a sampled measure changes its sign: a search for singularities on a grid."""
-    s = np.linspace(0.0, 1.0, samples)
-    values = np.array([measure(float(value)) for value in s])
-    return [float(0.5 * (s[k] + s[k + 1])) for k in np.flatnonzero(values[:-1] * values[1:] < 0)]
-
-
-def smallest_singular_value(x: float, y: float) -> float:
-    """Of A = 2 [rod; rod] of the 5R [m]: never negative, so it never changes its sign."""
-    (_, left), (_, right) = legs(x, y)
-    return float(np.linalg.svd(2 * np.array([left, right]), compute_uv=False)[-1])
 
 
 def newton_cranks(x: Sequence[float], guess: Sequence[float]) -> np.ndarray:

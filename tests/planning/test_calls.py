@@ -31,7 +31,6 @@ def count_calls(function):
         calls += event in ("call", "c_call")
 
     former = sys.getprofile()
-    gc.collect()
     gc.disable()  # collecting what other tests have left would make calls of its own
     sys.setprofile(count)
     try:

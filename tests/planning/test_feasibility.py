@@ -55,6 +55,8 @@ def test_the_pace_tells_quick_motions_with_a_polynomial_from_slow_ones_without()
     pace = asked(robot, UPRIGHT).pace
     assert plan_crossing(robot, UPRIGHT, duration=pace, law="polynomial").certificate.monotone
     told = rf"100 % of the weight.*which covers the path from rest in {pace:.3g} s"
+    backward = Line(UPRIGHT(np.ones(1))[0], UPRIGHT(np.zeros(1))[0])  # the same s" brakes
+    assert asked(robot, backward).short_sentence.endswith(f"which covers the path to rest in {pace:.3g} s")
     with pytest.raises(NoLaw, match=told) as caught:
         plan_crossing(robot, UPRIGHT, duration=4 * pace, law="polynomial")
     assert len(str(caught.value)) < 400  # five lines of a terminal

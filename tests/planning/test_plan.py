@@ -38,9 +38,12 @@ CURVED = [
 VARIANTS = [("rigid", "rigid"), ("flexible_joints", "deformed"), ("flexible_links", "deformed")]
 
 
-@pytest.mark.parametrize("name", ["five_bar", "five_bar_heavy"])
 @pytest.mark.parametrize(("flexibility", "geometry"), VARIANTS)
-@pytest.mark.parametrize("path", [LINE, TWICE, *CURVED], ids=["line", "twice", "arc", "spline"])
+@pytest.mark.parametrize(
+    ("name", "path"),
+    list(zip(("five_bar_heavy", "five_bar") * 2, (LINE, TWICE, *CURVED), strict=True)),
+    ids=["line", "twice", "arc", "spline"],
+)
 def test_times_and_speeds_left_open_give_a_law_that_always_advances(name, flexibility, geometry, path):
     plan = plan_crossing(robots.load(name, flexibility=flexibility), path, duration=2.0)
     t = np.linspace(0.0, 2.0, 2001)
@@ -142,7 +145,7 @@ def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
 
 
 REFUSED = [
-    (dict(duration=1.5, tolerance=np.nan), r"tolerance: must lie in \(0, 1e-06\], got nan"),
+    (dict(duration=1.5, tolerance=np.nan), r"tolerance: must lie in \[1e-14, 1e-06\], got nan"),
     (dict(duration=1.5, times=[], speeds=[1.0]), "speeds: got 1, but times is empty"),
     (dict(duration=1.5, at=[0.6, 0.3]), "at: must ascend"),
     (dict(duration=0.0), "duration: must be a positive"),

@@ -55,6 +55,7 @@ def test_a_set_without_a_plan_says_why_and_the_others_go_on(file):
         {"drive": [1e-3, 25000.0]},
         quantities={"duration": lambda plan: plan.duration},
         flexibility="flexible_joints",
+        law="polynomial",
     )
     assert "too soft" in study.why[0]
     assert study.why[1] == ""

@@ -1,6 +1,5 @@
 """The table of refusals names every module on the way of a plan that makes an error of the kind "no"."""
 
-import ast
 import inspect
 import pickle
 import re
@@ -35,10 +34,7 @@ def modules_on_the_way() -> set[str]:
 
 def errors_made(module: str) -> set[str]:
     """The errors that say no and that a module calls by name."""
-    text = FILES[module].read_text()
-    is_any = any(f"{name}(" in text for name in (*REFUSALS, Unresolved.__name__))  # parsing takes longest
-    calls = [node for node in ast.walk(ast.parse(text * is_any)) if isinstance(node, ast.Call)]
-    names = {getattr(call.func, "id", "") for call in calls}
+    names = set(re.findall(r"(?<!class )\b(\w+)\(", FILES[module].read_text()))
     return (names & REFUSALS) | ({"NotConverged"} if Unresolved.__name__ in names else set())
 
 

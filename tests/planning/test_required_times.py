@@ -16,13 +16,10 @@ from framework.singularity.points_on_path import search_path
 from tests.dynamics.upright_robots import Crossing, drawn, is_right, judged, rigid_crossing
 from tests.oracles.equations_of_motion import defects_of
 from tests.oracles.monotone_laws import advances
-from tests.planning.random_lines import SCENES, random_crossings
 
 SEED, REQUESTS, ROBOTS = 20261128, 200, 42
 EARLIEST, LATEST, APART = 0.2, 0.8, 0.05  # times over the duration; between two of them
 CHEAP = (1, 10, 12, 16)  # requests of the plain tests
-ELASTIC_SEED, ELASTIC_REQUESTS = 20261130, 40
-ELASTIC_DURATIONS = 0.7, 1.5  # over that of the robot's own scene
 
 
 def draw(k: int) -> tuple[Crossing, list[float], bool]:
@@ -34,20 +31,6 @@ def draw(k: int) -> tuple[Crossing, list[float], bool]:
         shares = np.sort(rng.uniform(EARLIEST, LATEST, count))
         if np.diff(shares).min(initial=1.0) > APART:
             return one, (one.duration * shares).tolist(), False
-
-
-def draw_elastic(k: int) -> tuple[str, str, Line, float, list[float]]:
-    """The k-th elastic request: robot, flexibility, a line across its locus, duration and times [s]."""
-    rng = np.random.default_rng([ELASTIC_SEED, k])
-    name = list(SCENES)[k % len(SCENES)]
-    flexibility = ("flexible_joints", "flexible_links")[k // len(SCENES) % 2]
-    robot, [(line, _)] = random_crossings(name, 1, int(rng.integers(2**31)))
-    duration = robot.description.scenes[SCENES[name]].duration * float(rng.uniform(*ELASTIC_DURATIONS))
-    count = len(search_path(robot, line).points)
-    shares = np.sort(rng.uniform(EARLIEST, LATEST, count))
-    while np.diff(shares).min(initial=1.0) <= APART:
-        shares = np.sort(rng.uniform(EARLIEST, LATEST, count))
-    return name, flexibility, line, duration, (duration * shares).tolist()
 
 
 def has_monotone_law(one: Crossing, times: list[float], degree: int) -> bool:

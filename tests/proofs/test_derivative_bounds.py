@@ -116,7 +116,7 @@ def test_no_equation_bends_more_than_its_bound(name):
         assert np.all(rest <= lines.errors)
 
 
-@pytest.mark.parametrize("name", ["five_bar", "three_rpr", "agile_eye", "humanoid_ankle", "slider_crank"])
+@pytest.mark.parametrize("name", ["five_bar", "agile_eye", "slider_crank"])
 def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
     robot = robots.load(name)
     modes = working_modes(robot, robot.reference.x)

@@ -88,11 +88,10 @@ COUNTS = {
 }
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", COUNTS)
-def test_platforms_on_triangles_have_the_published_number_of_poses(name, seed):
+def test_platforms_on_triangles_have_the_published_number_of_poses(name):
     base, platform, number = COUNTS[name]
-    R, p = Rotation.random(random_state=seed).as_matrix(), np.array([0.3, -0.4, 0.8])
+    R, p = Rotation.random(random_state=0).as_matrix(), np.array([0.3, -0.4, 0.8])
     found = find_real_solutions(
         spatial_displacements(), conditions(base, platform, lengths_at(R, p, base, platform))
     )

@@ -129,7 +129,7 @@ def test_what_cannot_be_paved_is_refused(name, options, told):
         pave_singularities(robots.load(name), **options)
 
 
-@pytest.mark.parametrize("window", [(4.0, 6.28), (0.0, 6.2831), (-3.2, 0.0), (3.2, 9.0)])
+@pytest.mark.parametrize("window", [(0.0, 6.2831), (-3.2, 0.0)])
 def test_a_window_has_an_angle_on_every_turn(window):
     """The dead centres of the slider crank: rod and crank in line, slider on either side."""
     crank, rod, offset = 0.04, 0.12, -0.02

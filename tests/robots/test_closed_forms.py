@@ -85,24 +85,26 @@ class Unprepared(NamedTuple):
 
     scene: str
     s: Callable[[Path], float] | None = None  # of the singular point of the rigid robot
-    flexibilities: tuple[str, ...] = FLEXIBILITIES
+    flexibilities: tuple[str, ...] = ("rigid",)  # springs behind drives and in rods, of robots of each kind
     behind_drives: float = 1e-12  # of s, where the drives are elastic
     options: Mapping[str, Any] = MappingProxyType({})
 
 
+DRIVES, RODS = ("rigid", "flexible_joints"), ("rigid", "flexible_links")
 # deflections with a pole are not resolved
-LOOSELY = {"behind_drives": 1e-9}
+LOOSELY = {"behind_drives": 1e-9, "flexibilities": DRIVES}
 UNPREPARED = {
     "biglide": Unprepared("unprepared", lambda path: test_biglide.CROSSING, **LOOSELY),
-    "bricard": Unprepared("dead_point", options={"times": []}),
+    "bricard": Unprepared("dead_point", None, RODS, options={"times": []}),
     "four_bar": Unprepared(
         "unprepared", lambda path: (1.4 - test_four_bar.dead_points()[0]) / 1.8, **LOOSELY
     ),
-    "humanoid_knee": Unprepared("unprepared", None, ("rigid", "flexible_joints")),
+    "humanoid_knee": Unprepared("unprepared", None, DRIVES),
     "slider_crank": Unprepared("unprepared", lambda path: (1.0 - test_slider_crank.OUTER) / 1.8, **LOOSELY),
-    "three_rpr": Unprepared("crossing", test_three_rpr.closed_form_crossing, options={"times": []}),
+    "three_rpr": Unprepared("crossing", test_three_rpr.closed_form_crossing, RODS, options={"times": []}),
     "three_rrr": Unprepared("crossing", test_three_rrr.closed_form_crossing, options={"times": []}),
     **{name: Unprepared(known.unprepared, known.s) for name, known in CROSSINGS.items()},
+    "delta": Unprepared(test_delta.CROSSING.unprepared, test_delta.CROSSING.s, FLEXIBILITIES),
 }
 
 

@@ -6,7 +6,6 @@ Generated: a robot added to the catalogue is tested here without a line written.
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
@@ -145,33 +144,6 @@ def test_null_vector_of_A_is_the_twist_of_the_passive_columns(name, scene):
         moved = robot.platform.jacobian(frames_at(robot, point.q[None]))[0] @ point.motion
         np.testing.assert_allclose(moved, point.twist, atol=1e-12)
         assert np.abs(point.motion[robot.actuated]).max() == 0.0
-
-
-def test_motor_power_is_the_rate_of_energy(robot):
-    plan = planned(robot)
-    edges = plan.dynamics.torques.edges
-    # energy has products of what the nodes of the plan resolve: twice as many resolve it
-    grid = TimeGrid(edges, 2 * (plan.certificate.nodes // (len(edges) - 1) + 1))
-    t = grid.times
-    q, v = plan.dynamics.configuration(t), plan.dynamics.velocity(t)
-    q_e = plan.deflection(t)
-    data = robot.model.createData()
-    terms = [
-        np.array([pin.computeKineticEnergy(robot.model, data, *state) for state in zip(q, v, strict=True)]),
-        np.array([pin.computePotentialEnergy(robot.model, data, row) for row in q]),
-        0.5 * (plan.motor_angle(t, 1) ** 2) @ robot.rotor_inertia,
-        0.5 * q_e**2 @ robot.stiffness,
-    ]
-    works = plan.torque(t) * plan.motor_angle(t, 1)  # (T, n_a)
-    power = np.sum(works, axis=1) - v**2 @ robot.joint_damping  # what dampers do not take
-    rate = grid.values(grid.fit(np.sum(terms, axis=0)[:, None]))[1][:, 0]
-    energy, shares = np.abs(terms).max(), np.abs(works).sum(axis=1).max()
-    assert np.abs(power).max() > 1e-3 * energy / plan.duration
-    # differentiation adds up the rounding of energies (measured: 60 eps each at most), and power has what the
-    # torques' tail leaves out, 1e-10 of their peak
-    added = np.abs(grid.values(grid.fit(np.eye(len(t))))[1]).sum(axis=1).max()
-    allowed = 300 * np.finfo(float).eps * added * energy + 1e-9 * shares
-    np.testing.assert_allclose(power, rate, rtol=0, atol=allowed)
 
 
 SOFT = [(name, "flexible_links") for name in ("five_bar", "biglide", "delta", "gough_stewart")]

@@ -23,8 +23,9 @@ VARIANTS = [
 TORQUE = 1e-13
 
 
-@pytest.mark.parametrize("scene", ["A", "C"])
-@pytest.mark.parametrize(("flexibility", "geometry"), VARIANTS)
+@pytest.mark.parametrize(
+    ("scene", "flexibility", "geometry"), [("A", *VARIANTS[-1]), *(("C", *variant) for variant in VARIANTS)]
+)
 def test_torques_and_deflections_agree_with_closed_forms(scene, flexibility, geometry):
     plan = plan_scene(robots.load("five_bar", flexibility=flexibility), scene, geometry=geometry)
     exact = oracle.solve(scene=scene, flexibility=flexibility, geometry=geometry)
@@ -83,8 +84,10 @@ def test_A_B_C_are_those_of_the_paper_up_to_the_choice_of_rows(s):
     np.testing.assert_allclose(ours.C[:, 2:], rows @ C, atol=1e-13)
 
 
-@pytest.mark.parametrize("scene", ["B", "C-printed"])
-@pytest.mark.parametrize(("flexibility", "geometry"), VARIANTS)
+@pytest.mark.parametrize(
+    ("scene", "flexibility", "geometry"),
+    [("C-printed", *VARIANTS[0]), *(("B", *variant) for variant in VARIANTS)],
+)
 def test_a_law_without_condition_8_gets_no_torques(scene, flexibility, geometry):
     robot = robots.load("five_bar", flexibility=flexibility)
     with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:

@@ -11,7 +11,7 @@ import pytest
 from framework import NotAssembled, Type2Singularity, forward_kinematics
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.linearised_loops import linearised_at, passive_matrix, passive_motion
-from tests.robots.every_robot import RIGID
+from tests.robots.every_robot import KINDS, RIGID
 
 
 def ends(robot, count, reach, seed):
@@ -39,7 +39,11 @@ def fastest_part(robot, q):
     return max(max(np.linalg.norm(t.linear) / robot.length, np.linalg.norm(t.angular)) for t in twists)
 
 
-@pytest.mark.parametrize("name", [name for name, robot in RIGID.items() if motors_are_free(robot)])
+# balls of three hinges, universal joints, parallelograms; rings; planes
+OTHERS = ("delta_hinges", "humanoid_ankle", "spherical_rrr")
+
+
+@pytest.mark.parametrize("name", [name for name in (*KINDS, *OTHERS) if motors_are_free(RIGID[name])])
 def test_where_a_way_of_the_motors_ends_something_moves(name):
     robot = RIGID[name]
     for q in ends(robot, 12, 1.0, seed=0):

@@ -4,7 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import robots
+from framework import plan_scene
 from framework.dynamics.platform_wrench import wrench_curves
+from framework.show import film_plan
 from tests.browser.pages import filmed
 
 
@@ -94,7 +97,16 @@ def test_films_side_by_side_are_shown_with_the_same_motors():
     documents = film_documents([fails, works])
     assert documents[0]["stated"] == documents[1]["stated"]
     size = f"{1.5 * np.abs(works.torque).max():.3g} N m"
-    assert documents[1]["stated"] == f"motors of {size} (1.5 × peak, no limit in its file)"
+    assert documents[1]["stated"] == f"motors of {size} (1.5 × peak, no limit given)"
+
+
+def test_a_picture_shows_the_limit_that_its_plan_was_given():
+    from framework.show.scene import film_documents
+
+    film = film_plan(plan_scene(robots.load("five_bar"), "A", torque_limit=0.5))
+    (document,) = film_documents([film])
+    assert document["stated"].startswith("motors of 0.5 N m (")
+    assert "no limit" not in document["stated"]
 
 
 @pytest.mark.parametrize("scene_name", ["A", "B"])  # with a proof, and without one

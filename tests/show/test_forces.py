@@ -16,9 +16,7 @@ LEGS = {
         (f"leg_{k}_swing", "ball_x" if k == 1 else f"leg_{k}_tip") for k in range(1, 7)
     ],
     ("three_rpr", "crossing"): [("pivot_1", "wrist_1"), ("pivot_2", "tip_2"), ("pivot_3", "tip_3")],
-    ("three_rrr", "crossing"): [("elbow_1", "wrist_1"), ("elbow_2", "tip_2"), ("elbow_3", "tip_3")],
     ("delta", "cross"): [("swing_1b", "tip_1b"), ("swing_2b", "tip_2b"), ("swing_3b", "tip_3b")],
-    ("orthoglide", "cross"): [("swing_1b", "tip_1b"), ("swing_2b", "tip_2b"), ("swing_3b", "tip_3b")],
     ("five_bar", "bow"): [("left_elbow", "left_tip"), ("right_elbow", "right_tip")],
 }
 

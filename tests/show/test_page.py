@@ -16,7 +16,7 @@ from framework.show.shapes import body_shapes, thin_mesh
 from tests.browser.pages import filmed
 
 # The others, whose meshes may take seconds to read, are slow.
-QUICK = ("five_bar", "slider_crank", "three_rpr", "delta", "gough_stewart", "agile_eye", "humanoid_ankle")
+QUICK = ("five_bar", "delta", "gough_stewart", "agile_eye")
 ROBOTS = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in robots.CATALOGUE]
 
 

@@ -24,9 +24,7 @@ def held_torque(robot, plan, scheme, steps):
 
 CASES = [
     ("five_bar_heavy", "rigid", "midpoint"),
-    ("five_bar", "flexible_joints", "midpoint"),
     ("five_bar", "flexible_joints", "extrapolated"),
-    ("five_bar", "flexible_links", "extrapolated"),
 ]
 
 

@@ -9,6 +9,7 @@ import robots
 from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene, track_path
 from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import spring_shift
+from tests.robots.every_robot import KINDS
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -36,7 +37,7 @@ def test_a_stretched_spring_moves_the_point_as_a_longer_rod_does(write_robot, ro
     assert rates[robot.elastic_names.index(rod)] == pytest.approx(slope, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", robots.CATALOGUE)
+@pytest.mark.parametrize("name", KINDS)
 def test_a_spring_behind_a_motor_moves_no_singular_point(name):
     """The motor makes up for it: motor and spring turn about one axis, and the pose is the same."""
     robot = robots.load(name, flexibility="flexible_joints")

@@ -155,25 +155,10 @@ def unbalanced(
     return times, np.abs(left).max(axis=1)
 
 
-@pytest.mark.slow
-def test_left_at_the_rigid_point_the_deformed_robot_has_a_band_without_equilibrium():
-    start, end = band(STIFFNESS)
-    width = (end - start) * CROSSING_SPEED * PATH_LENGTH
-    assert start == pytest.approx(CROSSING_TIME, abs=1e-12)  # unloaded at the crossing: the trivial fold
-    assert 50e-6 < width < 100e-6  # [m], about the stretch there
+def test_left_at_the_rigid_point_the_deformed_robot_has_no_torques():
     law = plan("rigid").law
     with pytest.raises(NoAnswer):
         inverse_dynamics(with_rods(STIFFNESS), LINE, law, geometry="deformed")
-
-
-@pytest.mark.slow
-def test_the_band_is_as_wide_as_the_compliance():
-    stiffnesses = STIFFNESS * 10.0 ** np.arange(-1, 4)
-    widths = np.array([end - start for start, end in map(band, stiffnesses)])
-    products = widths * stiffnesses
-    # what is left is the next order in 1/k, a tenth for each tenfold k
-    assert np.abs(products / products[-1] - 1).max() < 0.05
-    assert np.abs(products[2:] / products[-1] - 1).max() < 5e-4
 
 
 @pytest.mark.parametrize("stiffness", [STIFFNESS, 1e3 * STIFFNESS])

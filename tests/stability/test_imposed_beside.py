@@ -95,13 +95,6 @@ def our_verdicts() -> np.ndarray:
     return np.array(verdicts)
 
 
-def test_a_table_of_samples_does_not_show_the_pole():
-    peaks = naive_peaks()
-    # the residue falls with the offset, and the samples lie 1 ms apart
-    assert np.all(np.abs(peaks[OFFSETS <= 1e-5] - 1.0) < 0.01)
-    assert beside_the_pole(1e-5) > 1e2  # [N m], where the table says 0.1
-
-
 def test_we_measure_what_is_left_at_the_singular_instant():
     verdicts = our_verdicts()
     told = OFFSETS >= 0.9 * SEEN

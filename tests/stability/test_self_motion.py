@@ -53,14 +53,6 @@ def our_crossings() -> tuple[np.ndarray, np.ndarray]:
     return np.array(errors), np.array(motors)
 
 
-def test_newton_gives_a_different_payload_from_each_start():
-    found, error = newton_answers()
-    assert error.max() < 1e-12  # each is a perfect answer
-    gaps = np.linalg.norm(np.diff(found, axis=0), axis=1)
-    assert gaps.min() > 0.01  # [m]
-    assert np.linalg.norm(found[0] - found[-1]) > 0.3
-
-
 def test_all_points_of_the_circle_belong_to_one_pose_of_the_motors():
     errors, motors = our_crossings()
     assert errors.max() < 1e-14

@@ -41,11 +41,8 @@ def errors(distance: float, samples: int = 50) -> tuple[float, float]:
     return float(wrapped(np.array(followed) - exact).max()), float(wrapped(ours - exact).max())
 
 
-def test_newton_flips_the_leg_where_we_keep_it():
-    direct, ours = np.array([errors(distance) for distance in DISTANCES]).T
-    assert direct[0] < 1e-12  # far enough
-    assert np.all(direct[DISTANCES <= 2e-3] > 3.0)  # [rad]: the leg is mirrored
-    assert ours.max() < 1e-11  # the crank turns by 1 / distance times the path
+def test_a_leg_that_nearly_folds_keeps_its_mode():
+    assert max(errors(distance)[1] for distance in DISTANCES) < 1e-11  # the crank turns by 1 / distance
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e-8])

@@ -24,6 +24,7 @@ from framework.model.description import Closure
 from framework.simulation.consistent_states import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from tests.model.readers.leg import SAID, ankle
+from tests.robots.every_robot import KINDS
 from tests.witness.installed import REQUIRED
 
 if not REQUIRED:
@@ -66,8 +67,10 @@ def with_stand_ins(robot):
     return tree
 
 
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "flexibility"),
+    [*((name, "rigid") for name in NAMES), *((name, "flexible_links") for name in KINDS)],
+)
 def test_tree_and_loops_are_the_same(name, flexibility):
     robot = robots.load(name, flexibility=flexibility)
     model, data = loaded(robot)
@@ -158,7 +161,7 @@ def accelerations_of(robot, q, v, torque):
     return accelerations(equations, q[None], v[None], torque[None], still).a[0]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", KINDS)
 def test_our_reader_takes_back_every_robot_and_it_moves_alike(name, tmp_path):
     robot, again = robots.load(name), read_back(robots.load(name), tmp_path)
     q, v, torque = at_rest(robot)

@@ -234,6 +234,9 @@ def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
 
     `redundant` are the names of loop equations that follow from others.
     """
+    for closure in robot.description.closures:
+        if closure.omits_axis:
+            yield f"closure {closure.name}: no axis is given: it is z of {closure.frames[0]}"
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
         yield (

@@ -254,10 +254,11 @@ class LoopMotions(NamedTuple):
 def motions_within_limits(description: RobotDescription) -> LoopMotions | None:
     """Return the motions at the nearest closed pose within the joints' limits.
 
-    None if the reference of the file is within the limits, or if no closed pose within them is found.
+    None if the reference of the file is within the limits, or if no closed pose within them is found; also
+    without a reference, as `assemble_mechanism` has then sought one.
     """
     mechanism = Mechanism.from_description(description)
-    if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
+    if not description.reference or not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
         return None
     try:
         pose = find_closed_pose(mechanism)
@@ -325,7 +326,8 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     if moves[column] > FILE_ROUNDING:
         name, unit = mechanism.coordinates.name_of(column), mechanism.unit_of(column)
         farthest = f"{name} {moves[column]:.3g} {unit}"
-        if positions_beyond_limits(assembled.limits, q[None]):
+        sought = not mechanism.description.reference and not assembled.rounded.names  # within the ranges
+        if not sought and positions_beyond_limits(assembled.limits, q[None]):
             with suppress(NotAssembled):  # no closed pose is found within the ranges
                 q, farthest = find_closed_pose(assembled)
         moved_in = not np.array_equal(assembled.q_near, mechanism.q_near)

@@ -105,14 +105,10 @@ def _propose(options: Options, partial: PartialRobot) -> PartialRobot:
             return _complete_description(partial, by_joints=False)
         return partial.with_platform(partial.platform)
 
-    may_hold_carriers = bool(carrying_loops) and options.is_silent
-    try:
-        return _complete_description(partial, by_joints=not may_hold_carriers)
-    except RobotFileError as error:
-        if may_hold_carriers:
-            partial = _hold_joints(partial, carrying_loops, IN_NO_LOOP)
-        elif not isinstance(error, _UndrivenMotions):
-            raise
+    if carrying_loops and options.is_silent:
+        with suppress(RobotFileError):
+            return _complete_description(partial, by_joints=False)
+        partial = _hold_joints(partial, carrying_loops, IN_NO_LOOP)
     try:
         return _complete_description(partial, by_joints=True)
     except _UndrivenMotions as undriven:

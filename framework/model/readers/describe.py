@@ -119,8 +119,9 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     _locate_meshes(tree, file, options.packages)
     if not tree.closures and not tree.couplings:
         # raises a more precise error if a decisive element is unread
-        unread = "".join(f"; not read: {effect}" for effect in unread_effects(tree)[:2])
-        raise RobotFileError(f"there is no loop in it: --close FRAME FRAME KIND closes one{unread}")
+        unread = "; ".join(unread_effects(tree)[:2])
+        reason = f"; not read: {unread}" if unread else ": --close FRAME FRAME KIND closes one"
+        raise RobotFileError(f"there is no loop in it{reason}")
     _check_closures(tree.closures)
 
     # lock joints; then only loops in which a joint still moves count

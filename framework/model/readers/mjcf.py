@@ -365,7 +365,10 @@ class _Model:
         if gain not in _MOTOR_GAINS or dynamics not in _MOTOR_DYNAMICS:
             self.leave_out(f"{where}: a muscle, or an actuator of another program", acts_on)
         elif arms is None and transmission == "mjTRN_TENDON":
-            self.leave_out(f"{where}: pulls by a spatial tendon, as cable robots do", acts_on)
+            self.leave_out(
+                f"{where}: acts along a spatial tendon (a cable, a gas spring), which no option reads",
+                acts_on,
+            )
         elif not arms or not gear:
             self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
         else:

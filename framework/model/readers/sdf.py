@@ -3,15 +3,15 @@
 The reader supports
 
 - models, also in a world, in a model, and by `<include>` of a file (nested names are `a::b`);
-- frames and poses with `relative_to` and `attached_to`;
+- frames and poses with `relative_to` and `attached_to`, and Drake's two frames of a joint;
 - joints fixed, revolute, prismatic, universal, revolute2, ball and screw, with limits, damping, friction,
   springs and `<mimic>`;
 - inertias, also those of solid primitive shapes (`auto`), and primitive shapes.
 
 A screw becomes a hinge and a coupled slide, and cannot close a loop. A joint whose parent is a `<frame>`
 stands in that frame, so loops may be open in the poses of the file. Loops are cut first at joints without
-properties such as a limit, which a closure cannot have. Joints that a plugin names are likely motors. The
-file says nothing about the platform.
+properties such as a limit, which a closure cannot have. Joints that a plugin names are likely motors, or else
+those whose effort is not 0, if that of others is. The file says nothing about the platform.
 
 Source: sdformat.org, the specification of each element.
 """
@@ -153,6 +153,10 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     tree.gravity = vector3("<gravity>", child_text(root, "world/gravity", "0 0 -9.81").split())
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
+    if not named_by_plugins:  # nor has a joint a motor whose effort is 0
+        efforts = {name: child_text(scope.joints[name], "axis/limit/effort", "") for name in tree_names}
+        driven = [name for name, effort in efforts.items() if effort not in ("0", "0.0")]
+        tree.likely_motors = driven if len(driven) < len(efforts) else []
     for name in scope.frames:
         with suppress(RobotFileError):  # a frame without a place, such as one on a model without a file
             if (link := scope.link_of(name)) in tree.links:
@@ -249,7 +253,8 @@ def make_joint(scope: Scope, name: str) -> _Joint:
     # end is a frame of its own
     on_child = scope.placement_of(f"joint {name}")
     parent = end_name(element, "parent")
-    is_frame = parent in scope.attached and parent not in scope.links
+    has_frames = element.find("parent[@is_frame]") is not None  # which may be its links themselves
+    is_frame = has_frames or (parent in scope.attached and parent not in scope.links)
     on_parent = scope.placement_of(parent) if is_frame else on_child
     links = _links_of_joint(scope, name)
     parent_link, child_link = links

@@ -254,6 +254,7 @@ def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None
     else:
         element.set("scope", prefix)  # `end_name` reads the ends of the joint relative to it
         scope.joints[name] = element
+        _move_to_frames(element, name)
         default_frame = end_name(element, "child")
         scope.attached.setdefault(name, default_frame)
     pose = read_pose(element, prefix, default_frame, f"{tag} {name!r}")
@@ -261,6 +262,22 @@ def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None
     if tag == "joint":
         scope.relative[f"joint {name}"] = pose
     scope.relative.setdefault(name, pose)
+
+
+def _move_to_frames(joint: Element, name: str) -> None:
+    """Make the frames of Drake's `<drake:parent_frame>` and `<drake:child_frame>` the ends of a joint.
+
+    The joint then has no pose of its own: it stands in one frame on each of its links.
+    """
+    parts = {local_name(child.tag): child.text or "" for child in joint}
+    frames = {end: parts[f"{end}_frame"].strip() for end in ("parent", "child") if f"{end}_frame" in parts}
+    if len(frames) == 1:
+        raise RobotFileError(f"joint {name!r}: needs both drake:parent_frame and drake:child_frame")
+    for end, frame in frames.items():
+        end_name(joint, end)  # raises an error if it is missing
+        remove_children(joint, end)
+        SubElement(joint, end, {"is_frame": "true"}).text = frame
+        remove_children(joint, "pose")
 
 
 def _detachable_joint(plugin: Element, model: Element, name: str) -> Element:

@@ -169,7 +169,10 @@ def _search_smooth(
                 search, smooth = search.find_smooth()
             if isinstance(smooth, Speed):
                 # keep the law; add rows where it exceeds limits between the points
-                best = make_best(search, smooth)
+                made = make_best(search, smooth)
+                if isinstance(made, NoneFound):
+                    return best or made
+                best = made
                 similar = smooth
                 exceeded = find_exceeded_places(search.program, smooth, search.bounds)
                 if not len(exceeded):
@@ -189,30 +192,28 @@ def _search_smooth(
         if best is None:
             raise
         return best
-    except InvalidInput as reason:  # z comes too near to zero
-        return best or NoneFound(search.program, str(reason))
     return best or NoneFound(search.program, "limits are exceeded between the points")
 
 
-def make_best(search: SmoothSearch, speed: Speed) -> Best:
-    """Make the law of a speed that has the required instants.
+def make_best(search: SmoothSearch, speed: Speed) -> Best | NoneFound:
+    """Make the law of a speed that has the required instants; none if z comes too near to zero.
 
     Args:
         search: the search that found the speed.
         speed: squared speed of the law, with its cost.
-
-    Raises:
-        InvalidInput: the speed comes too near to zero.
     """
     program = search.program
     specification = program.problem.specification
     stretch = program.problem.task.stretch
-    law = OptimalLaw(
-        speed.y,
-        specification.smoothness,
-        specification.duration or 0.0,
-        stretch.dense_at,
-        tuple(program.basis.cells),
-        specification.ends.moving,
-    )
+    try:
+        law = OptimalLaw(
+            speed.y,
+            specification.smoothness,
+            specification.duration or 0.0,
+            stretch.dense_at,
+            tuple(program.basis.cells),
+            specification.ends.moving,
+        )
+    except InvalidInput as reason:
+        return NoneFound(program, str(reason))
     return Best(law, search, speed)

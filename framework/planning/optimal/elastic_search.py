@@ -180,7 +180,7 @@ class ElasticSearch:
         """Return the best motion; raise NoLaw or NotConverged if there is none."""
         best = None
         try:
-            for best in self._find_motions():
+            for best in self.find_motions():
                 report_result(best.describe_cost(self.task.specification.goal))
         except SearchEnded:
             if best is None:
@@ -188,7 +188,7 @@ class ElasticSearch:
         assert best is not None
         return best
 
-    def _find_motions(self) -> Iterator[OptimalMotion]:
+    def find_motions(self) -> Iterator[OptimalMotion]:
         """Yield motions within the limits, each better than the one before, from the first start with any.
 
         Raises:
@@ -292,12 +292,12 @@ class ElasticSearch:
         if problem.averages_open_duration:
             problem = problem._replace(average_over=suggest_time(best))
         degree = len(about.response.y) - 1
-        problem = problem._replace(response=about.response, degree=degree, trust=trust)
+        problem = problem._replace(response=about.response, degree=degree)
         result = None
         if about.rest > 1.0:  # nearby, if there is such a law
-            result = find_next_law(best, problem._replace(trust=min(trust, CORRECTION_TRUST)))
+            result = find_next_law(best, problem, min(trust, CORRECTION_TRUST))
         if not isinstance(result, Best):
-            result = find_next_law(best, problem)
+            result = find_next_law(best, problem, trust)
         return require_law(problem, result)
 
     def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:

@@ -57,7 +57,6 @@ class LawProblem(NamedTuple):
     degree: degree of z as one Chebyshev series, as smooth as deflections need it; None for splines.
     max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
     response: the response of an elastic robot's torques to the law, in place of the rigid robot's torques.
-    trust: share of the response's z by which z may differ from it.
     """
 
     task: Task
@@ -71,7 +70,6 @@ class LawProblem(NamedTuple):
     degree: int | None = None
     max_squared_speed: float = np.inf
     response: TorqueResponse | None = None
-    trust: float = np.inf
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""
@@ -99,7 +97,7 @@ class LawProblem(NamedTuple):
         The r columns of a frame are an orthonormal basis of the torques that move nothing. The splines are on
         cells of xi with edges (k + 1,).
         """
-        if not self.specification.shares_freely or self.response is not None:
+        if not self.specification.shares_freely:
             return None
         centres = Splines.on_cells(cells, SPLINE_DEGREE).centres
         projectors = self.demand(self.sigma(centres)).internal
@@ -108,7 +106,7 @@ class LawProblem(NamedTuple):
 
     def least_peak(self, torques: Array, xi: Array) -> Array:
         """Return torques (M, n_a) [N m] at xi (M,), of least peak over the limits if shared freely."""
-        if not self.specification.shares_freely or self.response is not None:
+        if not self.specification.shares_freely:
             return torques
         projectors = self.demand(self.sigma(xi)).internal
         assert projectors is not None
@@ -425,7 +423,7 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
 
 def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of ends in motion as orthonormal rows (k, n) on the coefficients of z.
+    """Return the conditions of ends in motion as rows (k, n) on the coefficients of z.
 
     The derivatives s' ... s^(R) by time at such an end, where phi' > 0, determine R derivatives of sigma by
     time, and so z and its first R - 1 derivatives by sigma. R is the number of derivatives that torques
@@ -448,12 +446,8 @@ def _end_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
         matrix = np.array(compose_derivatives(by_xi, xi_slopes))  # (R, n) of z by sigma
         derivatives = specification.ends.derivatives(R)[sigma]  # (R,) s' ... s^(R)
         targets = _squared_speed_at_end(problem.task.phi, at_end, derivatives)  # (R,) of z by sigma
-        # matrix' = Q R turns the rows into Q' y = R'^-1 targets: the solver stalls on those of high
-        # derivatives, which are nearly parallel
-        sizes = np.abs(matrix).max(axis=1)
-        Q, R_factor = np.linalg.qr((matrix / sizes[:, None]).T)
-        rows.append(Q.T)
-        values.append(np.linalg.solve(R_factor.T, targets / sizes))
+        rows.append(matrix)
+        values.append(targets)
     return Affine(SparseRows.of(np.concatenate(rows)), -np.concatenate(values))
 
 

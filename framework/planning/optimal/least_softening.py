@@ -53,9 +53,9 @@ def find_least_softening(problem: LawProblem, duration: float) -> LeastSoftening
     program = SpeedProgram.on_cells(problem, first_cells(problem))
     unit = duration**-2
     # conditions on y / unit, each row scaled to a largest entry of 1, for the solver
-    sizes = program.conditions.matrix.largest()  # (k,)
+    matrix, offset = program.solved_conditions
+    sizes = matrix.largest()  # (k,)
     sizes[sizes == 0.0] = 1.0  # of a condition that every law meets
-    matrix, offset = program.conditions
     conditions = AffineRows({"y": matrix.scale(1.0 / sizes)}, offset / (unit * sizes))
 
     # rho = slopes y + offset at the M points, divided by what makes the rows' entries small for the solver

@@ -33,7 +33,7 @@ MAX_PROGRAMS, SETTLED_COST = 5, 1e-3  # about one motion; relative change of the
 TOLERANCE = 1e-7  # of a program
 
 
-def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
+def find_next_law(best: Best, problem: LawProblem, trust: float) -> Best | NoneFound:
     """Find the law of least cost and roughness near a motion in balance.
 
     Each program models the cost and required durations about the law of the last one, and has rows where that
@@ -42,12 +42,15 @@ def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
     Args:
         best: a similar law, with the cells and the longest duration of its search.
         problem: a problem with the response of the motion.
+        trust: share of the motion's z by which the law may differ.
     """
     assert problem.response is not None
     specification = problem.specification
     goal = specification.goal
     program = SpeedProgram.on_cells(problem, best.program.cells)
     speed = program.evaluate_speed(problem.response.y)
+    z_0 = program.positive_rows @ speed.y  # (m,) [1/s^2]
+    floor, cap = (1.0 - trust) * z_0, (1.0 + trust) * z_0
     units = Units(speed.duration, 1.0 if specification.limited else speed.peak)
     is_required = np.isfinite(problem.stages)  # (m,)
     longest = None if goal == "time" else specification.longest or best.search.duration_limit
@@ -61,7 +64,9 @@ def find_next_law(best: Best, problem: LawProblem) -> Best | NoneFound:
         model = _model_cost(program, about, units, smoothness)
         tangents = (about, problem.stages, True) if is_required.any() else None
         rows = "peak_torque" if goal == "peak_torque" else "curvature"
-        return program.minimise(rows, bounds, units, about=tangents, tolerance=TOLERANCE, model=model)
+        return program.minimise(
+            rows, bounds, units, floor=floor, cap=cap, about=tangents, tolerance=TOLERANCE, model=model
+        )
 
     # at first, rows where the motion itself is near to a limit or its peak
     exceeded = find_exceeded_places(program, speed, Bounds(peak=(1.0 - 2.0 * LIMIT_MARGIN) * speed.peak))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
+from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.numerics.time_limit import seconds_ended
 from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
@@ -17,11 +17,10 @@ from framework.planning.optimal.certified_motion import OptimalMotion, certify_m
 from framework.planning.optimal.elastic_search import ElasticSearch
 from framework.planning.optimal.optimal_task import Task, check_single_crossings, check_speeds
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_undeformed_law
-from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence, advice_of
-from framework.planning.request import limit_excess
+from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence, advice_of
+from framework.planning.request import DRIVE_OPTIONS, limit_excess
 
 MAX_PASSES = 12  # of optimising a law and resolving its motion
-LONGER_DURATIONS = (1.0, 1.02, 1.1)  # over the quickest, tried in turn as remedies
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
 
@@ -63,16 +62,22 @@ def optimal_motion(task: Task) -> OptimalMotion:
 
 def _find_quickest(task: Task) -> float | None:
     """Find the duration [s] of the quickest certified motion within all limits; None without one."""
-    motion = _try_motion(task, goal="time", duration=None, longest=None)
+    motion = _try_motion(task, {"goal": "time", "duration": None, "longest": None}, is_trial=False)
     return None if motion is None else motion.dynamics.duration
 
 
-def _try_motion(task: Task, **changes: Any) -> OptimalMotion | None:
-    """Return a certified motion of a task with changes of its specification; None without one."""
+def _try_motion(task: Task, changes: dict[str, Any], *, is_trial: bool = True) -> OptimalMotion | None:
+    """Return a certified motion of a task with changes of its specification; None without one.
+
+    Args:
+        changes: of fields of the specification, by name.
+        is_trial: whether the first motion within the limits does, not the best.
+    """
     to_cross = replace(task.to_cross, explained=False)
     specification = replace(task.specification, **changes)
     try:
-        return _find_motion(task._replace(to_cross=to_cross, specification=specification))
+        task = task._replace(to_cross=to_cross, specification=specification)
+        return _find_motion(task, is_trial=is_trial)
     except (NoAnswer, InvalidInput):
         return None
 
@@ -98,20 +103,10 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
     raised = raise_drives(plain.dynamics, drives, share)
     least = LeastLimits(None, None, together=True, options=[raised])
     evidence = SearchEvidence(len(plain.best.program.cells) - 1, least, quickest)
-    bound = "longest" if specification.duration is None else "duration"
-    for ratio in LONGER_DURATIONS:
-        if quickest is None:
-            break
-        duration = round_up(ratio * quickest, PRINTED_DIGITS)
-        if _try_motion(task, **{bound: duration}) is not None:
-            evidence = evidence._replace(duration=duration)
-            break
+    evidence = _try_remedies(task, evidence)
     clauses = [] if quickest is None else [f"within all limits the quickest law found takes {quickest:.4g} s"]
-    loosened: dict[str, Any] = {name: share * limit for name, limit in raised.items()}
-    looser = drives._replace(**loosened)
-    if evidence.duration is None and _try_motion(task, drives=looser) is not None:
-        evidence = evidence._replace(limits=raised)
-        clauses.append(advice_of(task.robot, raised))
+    if evidence.limits is not None:
+        clauses.append(advice_of(task.robot, evidence.limits))
     return NoLaw(
         f"no law of free shape was found within torque-speed curves and RMS torques: "
         f"under the best law within the other limits {use.sentence}",
@@ -128,45 +123,41 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
         task: the task that was refused.
         evidence: the search for the least limits and the least duration.
     """
-
-    def has_motion(**changes: Any) -> bool:
-        """Return whether a motion is certified with changes of the specification."""
-        return _try_motion(task, **changes) is not None
-
     if evidence.start_speed is not None:
         slower = task.specification.ends._replace(start=evidence.start_speed)
-        if has_motion(ends=slower):
+        if _try_motion(task, {"ends": slower}) is not None:
             return evidence
         evidence = evidence._replace(start_speed=None)
-    if evidence.quickest is not None:
-        duration = round_up(evidence.quickest, PRINTED_DIGITS)
-        bound = "longest" if task.specification.duration is None else "duration"
-        if has_motion(**{bound: duration}):
-            evidence = evidence._replace(duration=duration)
-            if task.robot.n_e:  # the least limits are those of the undeformed robot, and seldom suffice
-                return evidence
+    bound = "longest" if task.specification.duration is None else "duration"
+    durations = evidence.longer_durations(has_springs=task.robot.n_e > 0)
+    found = (duration for duration in durations if _try_motion(task, {bound: duration}) is not None)
+    evidence = evidence._replace(duration=next(found, None))
+    # limits of an undeformed robot may not suffice, and raised curves are those of other motors
+    if evidence.duration is not None and (task.robot.n_e or evidence.least.is_unknown):
+        return evidence
     share = 1.0 - task.request.margin
     for raised in evidence.least.options:
-        changes = {name: share * limit for name, limit in raised.items()}
+        changes: dict[str, Any] = {name: share * limit for name, limit in raised.items()}
         drives = task.specification.drives
         if drives is not None:  # a curve reaches up to the torque limit
-            drives = drives._replace(torque_limit=changes.get("torque_limit", drives.torque_limit))
-        if has_motion(**changes, drives=drives):
+            own = {name: changes.pop(name) for name in DRIVE_OPTIONS if name in changes}
+            drives = drives._replace(torque_limit=changes.get("torque_limit", drives.torque_limit), **own)
+        if _try_motion(task, changes | {"drives": drives}) is not None:
             return evidence._replace(limits=raised)
-        plain = None if drives is None else _try_motion(task, **changes, drives=None)
+        plain = None if drives is None else _try_motion(task, changes | {"drives": None})
         if drives is not None and plain is not None:
             looser = raise_drives(plain.dynamics, drives, share)
             loosened: dict[str, Any] = {name: share * limit for name, limit in looser.items()}
-            if has_motion(**changes, drives=drives._replace(**loosened)):
+            if _try_motion(task, changes | {"drives": drives._replace(**loosened)}) is not None:
                 return evidence._replace(limits=raised | looser)
     if task.request.times:
         open_task = task._replace(request=replace(task.request, times=None))
-        return evidence._replace(without_times=_try_motion(open_task, times=()) is not None)
+        return evidence._replace(without_times=_try_motion(open_task, {"times": ()}) is not None)
     return evidence
 
 
-def _find_motion(task: Task) -> OptimalMotion:
-    """Find the best law within all limits, and certify its motion; raise as `optimal_motion`."""
+def _find_motion(task: Task, *, is_trial: bool = False) -> OptimalMotion:
+    """Find the best law within all limits, or any in a trial, and certify it; raise as `optimal_motion`."""
     check_single_crossings(task)
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
@@ -176,13 +167,14 @@ def _find_motion(task: Task) -> OptimalMotion:
         )
     if robot.n_e:
         check_speeds(task)
-        return ElasticSearch.of(task).find_motion()
+        search = ElasticSearch.of(task)
+        return next(search.find_motions()) if is_trial else search.find_motion()
     best = find_undeformed_law(task)
     for share in RIGID_SHARES:
         try:
             return _certify_law(task, best)
         except NotConverged:
-            best = adapt_found_law(task, best, share=share)
+            best = adapt_found_law(best, share=share)
     return _certify_law(task, best)
 
 
@@ -205,7 +197,7 @@ def _certify_law(task: Task, best: Best) -> OptimalMotion:
         excess = limit_excess(motion.dynamics, task.specification)
         if excess <= 1.0:
             return motion
-        best = adapt_found_law(task, best, excess=excess)
+        best = adapt_found_law(best, excess=excess)
     raise NotConverged(
         f"no law within all limits is resolved in {MAX_PASSES} passes",
         name=task.robot.name,

@@ -149,6 +149,23 @@ class SpeedProgram:
         return SpeedSpace(self.basis, self.problem.task.stretch)
 
     @cached_property
+    def solved_conditions(self) -> Affine:
+        """The conditions (k, n) with orthonormal rows for ends in motion.
+
+        The solver stalls on rows of high derivatives, which are nearly parallel.
+        """
+        count = len(self.problem.conditions)  # of those at crossings
+        matrix, offset = self.conditions
+        at_ends = matrix.toarray()[count:]
+        if not len(at_ends):
+            return self.conditions
+        # at_ends' = Q R turns the rows into Q' y + R'^-1 offset
+        sizes = np.abs(at_ends).max(axis=1)
+        Q, R = np.linalg.qr((at_ends / sizes[:, None]).T)
+        rows = matrix[slice(count)].append(SparseRows.of(Q.T))
+        return Affine(rows, np.append(offset[:count], np.linalg.solve(R.T, offset[count:] / sizes)))
+
+    @cached_property
     def _inner_points(self) -> slice:
         """The slice of the P inner points, all but the ends.
 
@@ -311,16 +328,13 @@ class SpeedProgram:
         sizes |= dict.fromkeys([*pointwise, *powers], self.z.shape[0])
 
         # rows that must vanish: conditions on the law, each divided by its largest entry if that is large
-        conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
+        matrix, offset = self.solved_conditions
+        conditions = AffineRows({"y": matrix / scale}, offset)
         equal = [_scale_large_rows(conditions)]
         # rows that may not be negative: z between its bounds, limits, integrals, motions of springs at ends
         positive = self.positive_rows  # (m, n)
         lowest = np.maximum(floor, np.zeros(positive.shape[0]))  # (m,) [1/s^2]
         highest = np.minimum(cap, np.full(positive.shape[0], problem.max_squared_speed))
-        if problem.response is not None and problem.trust < np.inf:
-            z_0 = positive @ problem.response.y  # (m,) of the motion about which torques are linear
-            lowest = np.maximum(lowest, (1.0 - problem.trust) * z_0)
-            highest = np.minimum(highest, (1.0 + problem.trust) * z_0)
         nonnegative = [AffineRows({"y": positive}, -lowest * scale)]
         nonnegative += self._limit_rows(goal, bounds, units)
         capped = np.flatnonzero(np.isfinite(highest))

@@ -75,6 +75,15 @@ def test_the_right_closure_is_no_suspect(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("closure", "told"), [({}, 1), ({"axis": "z"}, 0), ({"kind": "spherical"}, 0)])
+def test_an_axis_that_the_file_leaves_out_is_told(write_robot, closure, told):
+    stated = {"name": "tip", "frames": ["left_tip", "right_tip"], "kind": "revolute"}
+    found = check_robot(Mechanism.from_file(write_robot(("closures", [stated | closure]))))
+    assert found.square
+    notes = [note for note in found.advice if note == "closure tip: no axis is given: it is z of left_tip"]
+    assert len(notes) == told
+
+
 def test_a_robot_that_is_singular_beside_its_reference_too_is_refused(tmp_path):
     """An elbow that would lift the tip out of the plane has to stay where it is, to second order too."""
     for name in ("robot.yaml", "robot.urdf"):

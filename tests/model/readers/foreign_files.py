@@ -4,6 +4,7 @@ tests/data/dialects/EXPECTED.md says beforehand what comes of the originals.
 """
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +28,13 @@ class ForeignFile(NamedTuple):
 
     def description(self) -> RobotDescription:
         """What `convert` writes."""
-        return parse_any(DATA / self.name, propose=propose, **self.options).description
+        return _converted(self.name)
+
+
+@cache
+def _converted(name: str) -> RobotDescription:
+    (options,) = (file.options for file in PLANNED if file.name == name)
+    return parse_any(DATA / name, propose=propose, **options).description
 
 
 PLANNED = (

@@ -344,6 +344,6 @@ def test_a_rod_goes_to_mujoco_and_comes_back(tmp_path, hinges):
 
 def test_cables_that_pull_are_named_where_there_is_no_loop(tmp_path):
     pull = f'{spatial("p", "q")}<actuator><motor name="winch" tendon="rod"/></actuator>'
-    words = "no loop in it: .*; not read: motor 'winch': pulls by a spatial tendon, as cable robots do"
+    words = r"no loop in it; not read: motor 'winch': acts along a spatial tendon .*, which no option reads"
     with pytest.raises(RobotFileError, match=words):
         read(tmp_path, pull, bodies=RODS, equality="")

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from framework import Line, Mechanism, ParallelRobot, RobotFileError, check_robot, plan_crossing
+from framework.kinematics import loop_structure, parallel_robot
+from framework.kinematics.assembly_search import find_closed_pose
+from framework.kinematics.diagnostics import mobility
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import short_move
@@ -97,6 +100,23 @@ def test_where_motors_do_not_drive_the_pose_of_the_file_one_within_the_limits_is
     robot = ParallelRobot.from_description(parsed.description)
     assert not any("limits" in note for note in check_robot(robot).advice)
     assert all(abs(robot.description.reference[name]) > 0.5 for name in ("crank", "foot"))
+
+
+def test_a_pose_within_limits_that_contradict_the_loops_is_sought_once(tmp_path, monkeypatch):
+    """Every search asks another question: of a walking robot 18 searches took 34 s."""
+    questions = []
+
+    def find(mechanism):
+        questions.append((mechanism.description.urdf_text, mechanism.q_near.tobytes()))
+        return find_closed_pose(mechanism)
+
+    for module in (mobility, loop_structure, parallel_robot):
+        monkeypatch.setattr(module, "find_closed_pose", find)
+    far = FLAT_FOUR_BAR.replace('name="crank" range="30 140"', 'name="crank" range="170 175"')
+    with pytest.raises(RobotFileError, match="leave no freedom"):
+        proposed(tmp_path, far.replace('name="foot" range="30 140"', 'name="foot" range="10 12"'))
+    assert questions
+    assert len(set(questions)) == len(questions)
 
 
 def two_five_bars(stand: Callable[[ElementTree.Element, str], ElementTree.Element]) -> str:

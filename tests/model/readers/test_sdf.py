@@ -11,6 +11,7 @@ from framework import Line, Mechanism, ParallelRobot, RobotFileError, locate_sin
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import JointDynamics, locked_axes
 from framework.model.readers import parse_any, read_any
+from framework.proofs.assembly_modes import assembly_modes
 from tests.model.readers.foreign_files import short_move
 from tests.oracles.placements import placements
 from tests.robots.every_robot import assert_same_torques
@@ -482,6 +483,57 @@ def test_a_loop_in_words_between_frames_of_the_file_is_that_of_a_joint(tmp_path)
     assert_same_torques(*plans, within=1e-10)
     with pytest.raises(RobotFileError, match="no loop in it: --close FRAME FRAME KIND closes one"):
         read(tmp_path, text)
+
+
+def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: str = "0") -> str:
+    """A hinge about y that stands in a frame of each link, as Drake writes it."""
+    ends = f"<parent>{parent}</parent><child>{child}</child>"
+    places = "".join(
+        f"<drake:{end}_frame>{frame}</drake:{end}_frame>"
+        for end, frame in zip(("parent", "child"), frames, strict=True)
+    )
+    limit = f"<limit>{effort and f'<effort>{effort}</effort>'}</limit>"
+    axis = f'<axis><xyz expressed_in="{frames[1]}">0 1 0</xyz>{limit}</axis>'
+    return f'<joint name="{name}" type="revolute">{ends}{places}<pose>9 9 9 0 0 0</pose>{axis}</joint>'
+
+
+@pytest.mark.parametrize("crank", [0.0, 0.7])
+def test_a_joint_of_drake_stands_in_a_frame_of_each_link(tmp_path, crank):
+    """A four-bar that is drawn apart: the rocker's angle by the law of cosines. The motor is not limited."""
+    a, b, c, d = 0.1, 0.35, 0.2, 0.3  # [m] crank along x at zero, coupler along x, rocker along x, ground
+    links = "".join(
+        f'<link name="{name}"><pose>{k} {k} {k} 0 0 {k}</pose>{INERTIAL.format(x=0.05, m=1)}</link>'
+        for k, name in enumerate(("ground", "crank", "coupler", "rocker"))
+    )
+    places = {
+        "Gr": ("ground", d),
+        "Cc": ("crank", a),
+        "Bc": ("coupler", -0.5 * b),
+        "Br": ("coupler", 0.5 * b),
+    }
+    places["Rb"] = "rocker", c
+    frames = "".join(
+        f'<frame name="{name}" attached_to="{link}"><pose relative_to="{link}">{x} 0 0 0 0 0</pose></frame>'
+        for name, (link, x) in places.items()
+    )
+    joints = framed("left", "ground", "rocker", ("Gr", "rocker"))
+    joints += framed("motor", "ground", "crank", ("ground", "crank"), effort="")
+    joints += framed("pin", "crank", "coupler", ("Cc", "Bc"))
+    joints += framed("tip", "coupler", "rocker", ("Br", "Rb"))
+    weld = '<joint name="weld" type="fixed"><parent>world</parent><child>ground</child></joint>'
+    text = f'<sdf version="1.7"><model name="m">{links}{frames}{weld}{joints}</model></sdf>'
+    parsed = read(tmp_path, text, platform_joints=["left"])
+    assert parsed.description.motor_joints == ("motor",)
+    robot = ParallelRobot.from_description(parsed.description)
+    tip = np.array([a * np.cos(crank), -a * np.sin(crank)])  # about y: z falls
+    to_tip = tip - [d, 0.0]
+    cosine = (to_tip @ to_tip + c**2 - b**2) / (2.0 * c * np.linalg.norm(to_tip))
+    angles = {mode.x[0] for mode in assembly_modes(robot, [crank]).modes}
+    towards = np.arctan2(-to_tip[1], to_tip[0])
+    expected = [towards + np.arccos(cosine), towards - np.arccos(cosine)]
+    assert np.sort(np.cos([*angles])) == pytest.approx(np.sort(np.cos(expected)), abs=1e-9)
+    with pytest.raises(RobotFileError, match="joint 'tip': needs both drake:parent_frame"):
+        read(tmp_path, text.replace("<drake:child_frame>Rb</drake:child_frame>", ""))
 
 
 def test_frames_without_a_place_and_positions_of_fixed_joints_are_left_out(tmp_path):

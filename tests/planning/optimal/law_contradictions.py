@@ -18,7 +18,6 @@ from tests.oracles.equations_of_motion import defects_of
 SAMPLES = 8001  # of a motion
 BEATEN = 1.01  # a law of more than this times the cost of another contradicts it
 ROUNDING = 1e-6  # of durations; of torques, which are sampled here, and there bounded between nodes
-GOALS = ("time", "peak_torque", "energy")
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import sample_demand
 from framework.singularity.points_on_path import search_path
 from tests.oracles.planar import without_rotors
-from tests.robots.every_robot import RIGID, crossing
+from tests.robots.every_robot import KINDS, RIGID, crossing
 from tests.stability.test_touch import chord
 
 
@@ -43,7 +43,7 @@ def compare_torques(plan, friction=None):
     assert np.abs(torque_by_series(plan, sampled, t, friction) - torque).max() < 1e-8 * np.abs(torque).max()
 
 
-@pytest.mark.parametrize("name", RIGID)
+@pytest.mark.parametrize("name", KINDS)
 def test_series_give_the_certified_torques_of_a_plan(name):
     compare_torques(crossing(RIGID[name], friction="none"))
 
