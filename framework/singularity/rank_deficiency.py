@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -58,9 +57,6 @@ class Contact(NamedTuple):
     resolution: float | None = None
     slope: float | None = None  # dg/ds, where g has the sign of the determinant
     pose: LinearisedLoops | None = None  # the closed loops at s, T = 1
-
-
-IsSmall = Callable[[float], bool]  # of a least singular value: whether it may be that of a near miss
 
 
 class NearMiss(NamedTuple):
@@ -160,41 +156,36 @@ def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: lis
     """
     share = NEAR_MISS**measured.power  # with power 2 singular values are squares
     # |g| is at least the least singular value, as 1 / g = -c' M^-1 b, and at most the sum of |coefficients|
-    bounds = [np.abs(p.series).sum() if p.border.b.shape[1] == 1 else np.inf for p in resolved]
-
-    @cache
-    def compute_largest() -> float:
-        """Compute the largest of the least singular values at the nodes."""
-        return max(float(least_singular_values(panel.matrices).max()) for panel in resolved)
-
-    def is_small(value: float) -> bool:
-        """Return whether a least singular value is small enough for a near miss; mostly the bounds tell."""
-        return value < share * max(bounds) and value < share * compute_largest()
-
+    level = share * max(
+        (np.abs(p.series).sum() if p.border.b.shape[1] == 1 else least_singular_values(p.matrices).max())
+        for p in resolved
+    )
     candidates = [
-        _miss_at_end(measured, resolved[0], known, is_small, 0.0),
-        _miss_at_end(measured, resolved[-1], known, is_small, 1.0),
+        _miss_at_end(measured, resolved[0], known, level, 0.0),
+        _miss_at_end(measured, resolved[-1], known, level, 1.0),
     ]
     for panel in resolved:
         starts = panel.path_coordinates(panel.extrema).tolist()
-        candidates += [_miss_at_extremum(measured, panel.matrix(s), known, is_small, s) for s in starts]
+        candidates += [_miss_at_extremum(measured, panel.matrix(s), known, level, s) for s in starts]
 
     misses = list[NearMiss]()
     for miss in candidates:
         if miss is not None and _is_apart(miss.s, misses, DISTINCT_EXTREMA):
             misses.append(miss)
-    return sorted(misses, key=lambda miss: miss.s)
+    if misses:
+        level = share * max(least_singular_values(panel.matrices).max() for panel in resolved)
+    return sorted((miss for miss in misses if abs(miss.g) < level), key=lambda miss: miss.s)
 
 
 def _miss_at_extremum(
-    measured: MeasuredMatrix, matrix: Array, known: list[Contact], is_small: IsSmall, start: float
+    measured: MeasuredMatrix, matrix: Array, known: list[Contact], level: float, start: float
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
     An extremum is no near miss if g is zero there, or if a `known` contact lies between the points where |g|
-    has doubled; nor if the least singular value of the `matrix` (n, n) at the start is not small.
+    has doubled; nor if the least singular value of the `matrix` (n, n) at the start is above `level`.
     """
-    if not is_small(least_singular_values(matrix)):
+    if least_singular_values(matrix) >= level:
         return None
     size = measured.border_width(singular_values(matrix))
     extremum = extremum_near(measured.evaluate, measured.knots, start, size)
@@ -207,12 +198,12 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(
-    measured: MeasuredMatrix, panel: Panel, known: list[Contact], is_small: IsSmall, s: float
+    measured: MeasuredMatrix, panel: Panel, known: list[Contact], level: float, s: float
 ) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
     The end is no near miss if a `known` contact is closer than the distance over which g changes by its own
-    value; nor if the least singular value at the end of its `panel` is not small.
+    value; nor if the least singular value at the end of its `panel` is above `level`.
     """
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     degrees = np.arange(len(panel.series))
@@ -225,7 +216,7 @@ def _miss_at_end(
     width = float(0.5 * panel.width * abs(value / slope))
     matrix = panel.matrices[0 if s == 0.0 else -1]
     values = singular_values(matrix)
-    if not is_small(values[-1]) or not _is_apart(s, known, width):
+    if values[-1] >= level or not _is_apart(s, known, width):
         return None
     return NearMiss(s, _signed_least_value(matrix[None]), width, measured.border_width(values))
 
