@@ -212,8 +212,8 @@ def _eliminate(information: Any, W: Any, by_samples: Any, white: Array) -> tuple
 def _noise_beside_errors(rows: TorqueRows, slopes: Any, misfit: Array) -> Array:
     """Compute sizes (n_a,) of the noise in a misfit (T, n_a) that no errors z of the motion explain.
 
-    They are those of least squares for z with noise of a small share of the torques. A draw of z shows how
-    many equations z takes, to the square root of twice their number.
+    They are those of least squares for z with noise of a small share of the torques. Random signs n (N,) of
+    the equations show how many z leaves, n'(n - W C W'n) in the mean, to the root of twice their number.
 
     Args:
         slopes: (T n_a, z) of the torques by z, sparse.
@@ -223,17 +223,15 @@ def _noise_beside_errors(rows: TorqueRows, slopes: Any, misfit: Array) -> Array:
     from scipy.sparse.linalg import splu
 
     unit = share * np.sqrt(np.mean(rows.torque**2, axis=0)) + np.finfo(float).tiny  # (n_a,)
-    weights = rows.valid / unit  # (T, n_a)
-    W = diags_array(weights.ravel()) @ slopes
+    W = diags_array((rows.valid / unit).ravel()) @ slopes
     by_samples = rows.errors.samples
     information = splu((W.T @ W + by_samples.T @ by_samples).tocsc())
-    random = np.random.default_rng(0)
-    noises = [part.T @ random.standard_normal(part.shape[0]) for part in (W, by_samples)]
-    left = weights * misfit - (W @ information.solve(W.T @ (weights * misfit).ravel())).reshape(misfit.shape)
-    taken = (W @ information.solve(noises[0] + noises[1])).reshape(misfit.shape)
-    counts = rows.valid.sum(axis=0)  # (n_a,)
-    rest = np.maximum(counts - np.sum(taken**2, axis=0), np.sqrt(2.0 * counts) + 1.0)
-    return np.asarray(unit * np.sqrt(np.sum(left**2, axis=0) / rest) + np.finfo(float).tiny)
+    signs = rows.valid * np.random.default_rng(0).choice([-1.0, 1.0], misfit.shape)  # (T, n_a)
+    white = np.stack([rows.valid * misfit / unit, signs], axis=2)  # (T, n_a, 2)
+    left = _eliminate(information, W, by_samples, white.reshape(-1, 2))[0][: misfit.size].reshape(white.shape)
+    least = np.sqrt(2.0 * rows.valid.sum(axis=0)) + 1.0
+    counts = np.maximum(np.sum(signs * left[..., 1], axis=0), least)  # (n_a,)
+    return np.asarray(unit * np.sqrt(np.sum(left[..., 0] ** 2, axis=0) / counts) + np.finfo(float).tiny)
 
 
 def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, float]) -> tuple[Array, Array]:
