@@ -114,16 +114,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name, motion):
     assert friction > 0.9
 
 
-@pytest.mark.slow
-def test_errors_of_the_motion_are_not_taken_for_noise_of_the_torques():
-    """Accelerations of a delta to and fro leave eight times the noise of its torques.
-
-    Errors of friction over their deviations have the root mean square 1; of 48 chance leaves 0.1 of it.
-    """
-    found = measure_coverage("delta", "to and fro", 8)
-    assert np.sqrt(np.mean(found.ratios[:, found.kinds == "friction"] ** 2)) == pytest.approx(1.0, abs=0.3)
-
-
 def test_what_rests_on_data_errs_mostly_by_their_noise():
     """Noise of unit rows R leaves P R'R P of the covariance P = (R'R + 1)^-1; errors of the file the rest."""
     rows = np.geomspace(1e-2, 1e2, 5)[:, None] * np.linalg.qr(np.random.default_rng(0).normal(size=(5, 5)))[0]
