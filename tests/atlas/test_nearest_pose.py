@@ -20,21 +20,11 @@ from framework.kinematics.modes import mode_signs
 from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.oracles import five_bar_pose
-from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
+from tests.robots import test_gough_stewart, test_orthoglide
 from tests.robots.every_robot import KINDS
 
 CRANK_AND_ROD = 0.5  # [m] stretched, and folded to nothing
 LEG_RANGE = 2.3653505129889623, 4.7307010259779245  # [m]
-
-
-def five_bar_room(x):
-    return CRANK_AND_ROD - np.linalg.norm(x - five_bar_pose.BASES, axis=1)
-
-
-def biglide_room(x):
-    across = test_biglide.ROD**2 - (x[0] - test_biglide.RAILS) ** 2
-    sliders = x[1] + test_biglide.SIDES * np.sqrt(np.maximum(across, 0.0))
-    return np.concatenate([across, 0.5 - np.abs(sliders)])
 
 
 def orthoglide_room(x):
@@ -49,18 +39,8 @@ def gough_stewart_room(x):
     return np.concatenate([lengths - LEG_RANGE[0], LEG_RANGE[1] - lengths])
 
 
-ROOMS = {
-    "five_bar": five_bar_room,
-    "biglide": biglide_room,
-    "orthoglide": orthoglide_room,
-    "gough_stewart": gough_stewart_room,
-}
-REACH = {
-    "five_bar": 1.5,
-    "biglide": 1.5,
-    "orthoglide": 1.2,
-    "gough_stewart": 0.6,
-}  # [lengths, rad] of targets
+ROOMS = {"orthoglide": orthoglide_room, "gough_stewart": gough_stewart_room}
+REACH = {"orthoglide": 1.2, "gough_stewart": 0.6}  # [lengths, rad] of targets
 STARTS = 4  # of the optimiser, the best of which counts
 
 

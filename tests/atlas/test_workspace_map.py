@@ -110,7 +110,12 @@ def test_what_is_reached_is_the_workspace_and_no_elbow_has_turned_over():
 def test_a_pose_beyond_the_legs_is_out_of_reach_and_one_on_another_island_is_not_joined(tmp_path):
     """With cranks of 0.6 and rods of 0.25 m the rings that the legs reach meet above and below the motors."""
     robot = ParallelRobot.from_file(parametric_five_bar(tmp_path), parameters={"l1": 0.6, "l2": 0.25})
-    found = workspace_map(robot, window(robot, 61, (-0.4, -0.95), (0.4, 0.95)), ["g"])
+    done = [0]
+    at = window(robot, 61, (-0.4, -0.95), (0.4, 0.95))
+    found = workspace_map(robot, at, ["g"], progress=done.append)
+    assert len(done) > 2  # bands
+    assert sorted(done) == done
+    assert done[-1] == 61**2  # poses
     x = found.window.points()
     far = np.linalg.norm(x[:, :, None] - five_bar_pose.BASES, axis=3)
     inside = np.minimum(0.85 - far.max(axis=2), far.min(axis=2) - 0.35)

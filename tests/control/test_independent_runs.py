@@ -123,6 +123,7 @@ def test_a_run_alone_is_the_run_among_others(controller, sensors):
         for k, run in enumerate(some):
             assert alone.why[k] == together.why[run]
             assert alone.tracking_error[k] == together.tracking_error[run]
+            np.testing.assert_array_equal(alone.peak_torque[k], np.abs(together.torque[:, run]).max(axis=0))
             np.testing.assert_array_equal(alone.x[:, k], together.x[: len(alone.x), run])
             np.testing.assert_array_equal(alone.torque[:, k], together.torque[: len(alone.torque), run])
 

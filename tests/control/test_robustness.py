@@ -447,8 +447,6 @@ def test_a_failure_is_run_again_from_what_was_written(study, tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["as_written"]
     assert (found["why"], found["tracking_error"]) == (failure["why"], failure["tracking_error"])
-    assert main([*replay, "--controller", "naive_computed_torque"]) == 0
-    assert f"{failure['why']}; as in the study" in capsys.readouterr().out
     setup, _ = load_study(tmp_path)
     run = setup.run("naive_computed_torque", failure["seed"][1])
     assert run.tracking_error[0] == failure["tracking_error"]

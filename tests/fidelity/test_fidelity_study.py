@@ -110,12 +110,6 @@ def test_where_legs_have_no_mass_levels_agree_and_the_levels_go_on():
     assert replace(study, tolerance=0.01).enough.level.name == "payload"
 
 
-def test_legs_with_mass_tell_the_same_levels_apart():
-    study = fidelity_study(robots.load("five_bar_heavy"), "A", tolerance=0.01)
-    assert not any(comparison.same_as for comparison in study.levels)
-    assert study.enough.level.name == "rigid"
-
-
 def test_the_highest_level_follows_its_plan_in_its_own_simulation():
     highest = crossing_study().levels[-1]
     assert highest.torque < 1e-12

@@ -22,6 +22,7 @@ from framework.identification.measured_motion import (
     MIN_SAMPLES,
     begin_at_first_row,
     measured_motion,
+    motor_distances,
     smooth,
 )
 from framework.identification.recording import HELD_OUT_EVERY
@@ -140,7 +141,7 @@ def test_an_error_of_one_rod_is_found_and_named():
     nominal = NOMINAL["five_bar_heavy"]
     true, _ = other_robot(nominal, heavier)
     done: list[int] = []
-    found = identify(nominal, measured(sines(true, **LONG), true, 1), progress=done.append)
+    found = identify(nominal, measured(sines(true, **SLOW), true, 1), progress=done.append)
     assert done == list(range(1, len(done) + 1))
     assert len(done) > 10
     assert found.changed
@@ -494,7 +495,7 @@ def test_a_zero_that_is_off_is_named_with_its_value_and_taken_by_the_option():
 def test_the_error_of_a_motion_without_a_singularity_is_known():
     """The delta's `pick` keeps away from Type 2, though its best direction is 40 times its worst."""
     robot = robots.load("delta")
-    values = planned_motors(plan_scene(robot, "pick"), 751)
+    values = planned_motors(plan_scene(robot, "pick"), 376)
     found = identify(robot, Recording("pick", motor_columns(robot), values), cutoff=20.0)
     assert (found.error_before < 0.02).all()
 
@@ -632,6 +633,14 @@ def test_the_command_line_identifies_and_writes_the_robot(tmp_path, capsys, monk
     assert all("if other values of the file are right" in row for row in rows)
     assert main(["identify", "five_bar", str(tmp_path / "none.csv")]) == 2
     assert "none.csv" in capsys.readouterr().err
+
+
+def test_offsets_of_motors_are_angles_up_to_whole_turns_or_shares_of_the_length():
+    hinged, sliding = robots.load("five_bar"), robots.load("orthoglide")
+    assert motor_distances(hinged, np.array([2 * np.pi - 0.1, 0.2])) == pytest.approx([0.1, 0.2])
+    assert motor_distances(sliding, sliding.length * np.array([0.1, -0.2, 7.0])) == pytest.approx(
+        [0.1, 0.2, 7.0]
+    )
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])

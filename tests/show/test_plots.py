@@ -22,7 +22,7 @@ from framework.show.plots import plot_eyes, plot_phase_plane
 from framework.show.study_figures import plot_fidelity, plot_robustness
 from framework.show.style import LOCUS, figure_file, new_figure, page_figure, use_style
 
-CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
+CASES = [("C", "flexible_links"), ("A", "rigid")]
 
 
 @pytest.fixture(params=CASES, ids="-".join, scope="module")

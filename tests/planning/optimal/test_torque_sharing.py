@@ -11,6 +11,7 @@ import robots
 from framework import InvalidInput, Line, ParallelRobot, load_plan, plan_crossing
 from framework.dynamics.torque_distribution import (
     _SharedMotion,
+    distribute_torques,
     least_peak_torques,
     second_differences,
 )
@@ -148,6 +149,15 @@ def test_a_polynomial_within_limits_keeps_them_by_the_distribution_of_its_torque
     assert largest_imbalance(plan) < 1e-9
     assert plan.certificate.tail < 1e-10
     assert plan.certificate.max_residual_torque < 1e-9
+
+
+def test_torques_of_least_norm_over_unequal_limits_are_those_of_the_pseudo_inverse(robot):
+    plan, limits = plan_crossing(robot, Line(START, GOAL), duration=1.0), np.array([5.0, 2.0, 8.0])
+    shared = distribute_torques(plan.dynamics, np.full(3, np.inf), limits, least_norm=True, least_peak=False)
+    for t in np.linspace(0.0, 1.0, 9):
+        directions = strut_directions(plan.platform(t)) * limits
+        expected = limits * (np.linalg.pinv(directions) @ (MASS * plan.platform(t, 2)))
+        np.testing.assert_allclose(shared.torque(t), expected, rtol=0, atol=1e-9)
 
 
 def test_bends_of_internal_torques_are_their_second_differences():
