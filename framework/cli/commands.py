@@ -353,20 +353,6 @@ def spell_out_help(arguments: Sequence[str]) -> list[str]:
     return list(arguments)
 
 
-def _check_first(arguments: Sequence[str]) -> None:
-    """Raise `Misuse` for arguments that begin with neither a command nor a general option."""
-    first = arguments[0] if arguments else "--help"
-    meant = next((word for word in arguments if word in COMMANDS), None)
-    if not first.startswith("-"):
-        from framework.errors import choose_from
-
-        raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
-    if meant and first not in ("-h", "--help", *VERSION):
-        index = arguments.index(meant)
-        instead = shlex.join(["crossing", *arguments[index:], *arguments[:index]])
-        raise Misuse(f"{first}: options stand behind the command", instead)
-
-
 def parser_of(arguments: Sequence[str], *, whole: bool = False) -> OneLineParser:
     """Return the parser of the command that the arguments begin with, or of all commands.
 
@@ -394,7 +380,16 @@ def parser_of(arguments: Sequence[str], *, whole: bool = False) -> OneLineParser
         for each in COMMANDS if whole else [name]:
             _add_command(commands, each)
         return parser
-    _check_first(arguments)
+    first = arguments[0] if arguments else "--help"
+    meant = next((word for word in arguments if word in COMMANDS), None)
+    if not first.startswith("-"):
+        from framework.errors import choose_from
+
+        raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
+    if meant and first not in ("-h", "--help", *VERSION):
+        index = arguments.index(meant)
+        instead = shlex.join(["crossing", *arguments[index:], *arguments[:index]])
+        raise Misuse(f"{first}: options stand behind the command", instead)
     for name, command in COMMANDS.items():
         commands.add_parser(name, help=command.text)
     return parser

@@ -100,18 +100,12 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
     if study.neglected_work:
         lines.append(FRICTION.format(plan.neglected_friction, _format_percent(study.neglected_work)))
     lines += [f"  in no level       {what}" for what in study.robot.description.left_out]
-    return [*lines, *_enough_lines(study)]
-
-
-def _enough_lines(study: FidelityStudy) -> list[str]:
-    """Return lines on the least level that is enough; none if no level is."""
-    enough = study.enough
-    if enough is None:
-        return []
-    name = enough.level.name
-    torque = _largest_error(study, enough.torque_error)
-    platform = _largest_error(study, enough.platform_error)
-    lines = [f"  enough            {name}: torques off by {torque}, platform by {platform}"]
+    if study.enough is None:
+        return lines
+    name = study.enough.level.name
+    torque = _largest_error(study, study.enough.torque_error)
+    platform = _largest_error(study, study.enough.platform_error)
+    lines.append(f"  enough            {name}: torques off by {torque}, platform by {platform}")
     if study.by_luck:
         are = "are" if len(study.by_luck) > 1 else "is"
         lines.append(BY_LUCK.format(name, ", ".join(study.by_luck), are))

@@ -513,7 +513,14 @@ def replay_run(options: Namespace) -> Report:
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
-    name, failures = _chosen_study(options.controller, stated["studies"])
+    failed = {study["controller"]: study["failures"] for study in stated["studies"]}
+    chosen = options.controller or list(failed)
+    if len(chosen) != 1 or chosen[0] not in failed:
+        raise InvalidInput(
+            f"--controller: give one of this study: {', '.join(map(str, failed))}; got "
+            f"{' '.join(options.controller or ()) or 'none'}"
+        )
+    name, failures = chosen[0], failed[chosen[0]]
     number = options.replay
     if number >= stated["runs"]:
         raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
@@ -540,18 +547,6 @@ def replay_run(options: Namespace) -> Report:
     return document, [
         REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})
     ]
-
-
-def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:
-    """Return the name of the chosen or only controller, and its failures."""
-    failures = {study["controller"]: study["failures"] for study in studies}
-    chosen = names or list(failures)
-    if len(chosen) != 1 or chosen[0] not in failures:
-        raise InvalidInput(
-            f"--controller: give one of this study: {', '.join(map(str, failures))}; got "
-            f"{' '.join(names or ()) or 'none'}"
-        )
-    return chosen[0], failures[chosen[0]]
 
 
 def _describe_failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:

@@ -284,17 +284,17 @@ def _deformed_crossing(
     motion = motion.select(slice(1))
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
-    s, speed, acceleration = law_derivatives(result.law, np.array([t]))
+    s, speed, acceleration = (float(value) for value in law_derivatives(result.law, t))
     freeze(motion.linearised)
     return replace(
         at_rest,
         time=float(t),
-        s=float(s[0]),
-        speed=float(speed[0]),
-        acceleration=float(acceleration[0]),
+        s=s,
+        speed=speed,
+        acceleration=acceleration,
         kind=uncontrolled.kind,
         twist=sign * uncontrolled.twist,
-        platform=result.platform(t),
+        platform=result.path(s),
         motion=sign * uncontrolled.motion,
         pose=motion.linearised,
         wrench=float((r[0] + change) @ uncontrolled.motion) * sign,

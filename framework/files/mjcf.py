@@ -340,10 +340,16 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     closures = [closure for closure in robot.description.closures if closure.axes != ROD]
     locked = {closure.name: closure.axes for closure in closures}
     unexpressed = [closure for closure in closures if closure.axes not in OFF_ORIGIN]
-    if unexpressed:
-        poses = _nearby_poses(robot)
-        locked |= {closure.name: _choose_wider_axes(robot, closure, poses) for closure in unexpressed}
-    return locked
+    if not unexpressed:
+        return locked
+    rest = robot.reference.q
+    poses = [rest, *nearby_configurations(robot, rest)]
+    if robot.n_e:  # with springs deflected at random, too
+        share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
+        deflections = NEARBY_DISTANCE * robot.column_scale[robot.elastic] * share
+        poses += nearby_configurations(robot, integrate_columns(robot, rest, robot.elastic, deflections))
+    nearby = np.array(poses)  # (K, nq)
+    return locked | {closure.name: _choose_wider_axes(robot, closure, nearby) for closure in unexpressed}
 
 
 def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
@@ -376,14 +382,3 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
         f"{', '.join(closure.axes)} (valid: kinds spherical, revolute, fixed and distance"
         f"{f'; wider ones would lock {added}, along which the robot moves' if added else ''})"
     )
-
-
-def _nearby_poses(robot: ParallelRobot) -> Array:
-    """Return assembled poses (K, nq) near the reference, with springs at rest and deflected at random."""
-    rest = robot.reference.q
-    poses = [rest, *nearby_configurations(robot, rest)]
-    if robot.n_e:
-        share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
-        deflections = NEARBY_DISTANCE * robot.column_scale[robot.elastic] * share
-        poses += nearby_configurations(robot, integrate_columns(robot, rest, robot.elastic, deflections))
-    return np.array(poses)

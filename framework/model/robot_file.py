@@ -121,7 +121,14 @@ def describe_tree(
         joints[name] = replace(joints.get(name, JointDynamics()), **values)
     robot |= {"joints": joints, "parameters": dict(parameters)}
     description = RobotDescription(name=path.stem, file=path, urdf_text=text, **robot)
-    _check_scenes(description)
+    axes = description.platform.names
+    for name, scene in description.scenes.items():
+        for i, point in enumerate(scene.points):
+            if len(point) != len(axes):
+                raise RobotFileError(
+                    f"scenes.{name}.{scene.kind}[{i}]: needs {len(axes)} numbers, one for each axis of the "
+                    f"platform ({', '.join(axes)}), got {list(point)}"
+                )
     _check_names(description, tree)
     return ParsedRobot(description, tree)
 
@@ -182,18 +189,6 @@ def _read_urdf(folder: Path, values: Mapping[str, Any], parameters: Mapping[str,
 
 
 # ------------------------------------------------------------------ checks across keys
-
-
-def _check_scenes(description: RobotDescription) -> None:
-    """Refuse path points without one number per axis of the platform."""
-    axes = description.platform.names
-    for name, scene in description.scenes.items():
-        for i, point in enumerate(scene.points):
-            if len(point) != len(axes):
-                raise RobotFileError(
-                    f"scenes.{name}.{scene.kind}[{i}]: needs {len(axes)} numbers, one for each axis of the "
-                    f"platform ({', '.join(axes)}), got {list(point)}"
-                )
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:

@@ -300,12 +300,14 @@ def peak_sizes(function: Callable[[Array], Array], grid: TimeGrid) -> Array:
     values = np.abs(function(t))  # (T, k)
     peaks = values.max(axis=0)
 
-    padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
+    padded = np.full((len(t) + 2, values.shape[1]), -np.inf)
+    padded[1:-1] = values
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
     sample, component = np.nonzero(is_local_maximum)  # (m,) of each of the m local maxima
     middle = t[sample]
     # distance between samples: the longer one of those to both neighbours
-    spacing = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
+    gaps = np.diff(np.concatenate([[start], t, [end]]))
+    spacing = np.maximum(gaps[1:], gaps[:-1])[sample]
 
     def sizes_at(instants: Array) -> Array:
         """Return |value| (..., m) of each maximum's component at instants (..., m) [s]."""
@@ -314,12 +316,12 @@ def peak_sizes(function: Callable[[Array], Array], grid: TimeGrid) -> Array:
 
     for zoom_step in zoom_steps:
         step = zoom_step * spacing
-        points = np.clip([middle - step, middle, middle + step], start, end)  # (3, m)
+        points = np.array([middle - step, middle, middle + step]).clip(start, end)  # (3, m)
         left, centre, right = sizes_at(points)  # (m,) each
         np.maximum.at(peaks, component, np.maximum(np.maximum(left, centre), right))
         # the vertex of the parabola through these sizes at -1, 0, 1; the middle if it has no maximum
         curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
-        vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(left), where=curvature > 0.0)
-        middle = np.clip(middle + step * np.clip(vertex, -1.0, 1.0), start, end)
+        vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros(left.shape), where=curvature > 0.0)
+        middle = (middle + step * vertex.clip(-1.0, 1.0)).clip(start, end)
     np.maximum.at(peaks, component, sizes_at(middle))
     return peaks

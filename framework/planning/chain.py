@@ -61,7 +61,9 @@ def restart_plan(
     s_rates = law_derivatives(plan.law, np.array(float(t)), orders + 1)
     by_s = [plan.path(s_rates[0], k) for k in range(orders + 1)]
     motion = compose_derivatives(by_s, s_rates[1:])
-    if path is not None and _is_at_rest(plan, motion[1]):
+    rates = plan.platform(np.linspace(0.0, plan.duration, 201), 1) / robot.platform_scale  # (T, n)
+    is_at_rest = np.abs(motion[1] / robot.platform_scale).max() <= AT_REST * np.abs(rates).max()
+    if path is not None and is_at_rest:
         raise InvalidInput(f"path: at t = {t:g} s the platform rests, a restart needs s' > 0")
     if path is None:
         s = float(s_rates[0])
@@ -291,12 +293,6 @@ def _law_derivatives_on(robot: ParallelRobot, path: Path, motion: Sequence[Array
                 "path: the platform rests at its start or moves backwards, a restart needs s' > 0"
             )
     return tuple(map(float, derivatives))
-
-
-def _is_at_rest(plan: CrossingPlan, rate: Array) -> bool:
-    """Return whether a rate (n,) of the platform is rounding of the largest of a plan."""
-    rates = plan.platform(np.linspace(0.0, plan.duration, 201), 1) / plan.robot.platform_scale  # (T, n)
-    return bool(np.abs(rate / plan.robot.platform_scale).max() <= AT_REST * np.abs(rates).max())
 
 
 def _has_varying_wrenches(plan: CrossingPlan) -> bool:

@@ -20,14 +20,19 @@ import numpy as np
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at, type2_matrix
+from framework.kinematics.linearised_loops import (
+    LinearisedLoops,
+    linearised_at,
+    passive_motion,
+    type2_matrix,
+)
 from framework.kinematics.motion_rates import solve_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.planning.condition import coefficients_at, require_effect
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import least_controlled_motion
+from framework.singularity.type2 import Uncontrolled, twist_norm
 
 
 class TrackedPoints(NamedTuple):
@@ -37,6 +42,7 @@ class TrackedPoints(NamedTuple):
     pose: LinearisedLoops  # at these points, T = k
     deflections: Array  # (k, n_e) [m, rad] of the poses
     slopes: Array  # (k,) dg/ds
+    motions: Array  # (k, nv) joint rates of the uncontrolled motions
     border: Border | None = None  # of g; None before the first deflections
 
     @staticmethod
@@ -47,7 +53,8 @@ class TrackedPoints(NamedTuple):
         if len(points) > 1:
             pose = linearised_at(branch.robot, np.array([point.q for point in points]), branch.path(s))
         slopes = np.array([point.slope for point in points])
-        return TrackedPoints(s, pose, np.zeros((len(s), branch.robot.n_e)), slopes)
+        motions = np.array([point.motion for point in points])
+        return TrackedPoints(s, pose, np.zeros((len(s), branch.robot.n_e)), slopes, motions)
 
 
 def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> TrackedPoints:
@@ -64,7 +71,7 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
     secant_to_gap = 1e3  # step in s over the last gap: over shorter ones g differs as the loops close
     rounding = 2e-15  # in s
     robot = branch.robot
-    s, pose, _, slopes, border = start
+    s, pose, slopes, border = start.s, start.pose, start.slopes, start.border
     spring_step = deflections - start.deflections
     step = g = gap = np.full(len(s), np.nan)
     last_size = np.inf  # of the last step with closed loops
@@ -77,7 +84,8 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
         P = type2_matrix(robot, pose)
         border = border or Border.of(P)
         last_g = g
-        g = solve_bordered(P, border).g
+        solution = solve_bordered(P, border)
+        g = solution.g
         is_secant = np.abs(step) > np.maximum(least_secant, secant_to_gap * last_gap)
         slopes = np.where(is_secant, (g - last_g) / np.where(is_secant, step, 1.0), slopes)
         step = -g / np.where(slopes == 0.0, np.nan, slopes)
@@ -87,7 +95,8 @@ def track_points(branch: Branch, start: TrackedPoints, deflections: Array) -> Tr
         s = s + step
         if gap.max() < closed:  # g of open loops says nothing, however small
             if size < rounding or 0.5 * last_size < size < last_step:
-                return TrackedPoints(s, pose, deflections, slopes, border)
+                motions = passive_motion(robot, solution.eta[..., 0])
+                return TrackedPoints(s, pose, deflections, slopes, motions, border)
             last_size = size
     worst = start.s[np.argmax(np.nan_to_num(np.abs(step), nan=np.inf))]
     raise NoLaw(
@@ -115,10 +124,13 @@ def _step_loops(
 def describe_points(branch: Branch, tracked: TrackedPoints) -> list[SingularPoint]:
     """Return tracked points as singular points of Type 2; at others no law is planned."""
     points = []
-    for k, (s, slope) in enumerate(zip(tracked.s.tolist(), tracked.slopes.tolist(), strict=True)):
+    numbers = zip(tracked.s.tolist(), tracked.slopes.tolist(), tracked.motions, strict=True)
+    for k, (s, slope, motion) in enumerate(numbers):
         pose = tracked.pose.select(k)
-        least = least_controlled_motion(branch.robot, pose)
-        points.append(SingularPoint.of(branch, s, pose, least, contact="transversal", slope=slope))
+        twist = pose.platform[0] @ motion
+        scale = twist_norm(branch.robot, twist)
+        uncontrolled = Uncontrolled("type_2", twist / scale, motion / scale, corank=1)
+        points.append(SingularPoint.of(branch, s, pose, uncontrolled, contact="transversal", slope=slope))
     return points
 
 

@@ -148,6 +148,8 @@ from framework.tolerances import AT_REST, LIMIT_MARGIN, OVERSHOOT
 
 # Ratio of advised limits to the least peak found. Limits nearer to that peak hardly admit a smooth law.
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
+ELASTIC_RATIO = 1.1  # the same, and of durations, for robots with springs, whose laws are smoother
+LONGER_DURATIONS = (1.0, 1.02, 1.1)  # over the quickest, tried in turn
 LARGEST_RAISE = 10.0  # of limits that are tried: with stronger motors it would be another robot
 PRINTED_DIGITS = 4  # of advised limits and durations, which are tried as they are printed
 
@@ -227,7 +229,7 @@ class LeastLimits(NamedTuple):
         specification: Specification,
         torque: float | None,
         speed: float | None,
-        share: float,
+        ratio: float,
         *,
         together: bool,
     ) -> LeastLimits:
@@ -236,13 +238,13 @@ class LeastLimits(NamedTuple):
         Args:
             torque: the least peak of torque over the torque limits; None if unknown.
             speed: the least peak of speed over the speed limits; None if unknown.
-            share: of the limits of a request that its margin leaves to the specification.
+            ratio: of advised limits to the least peaks, with the margin of the request.
             together: whether limits of torque and of speed must both be raised.
         """
         limits = {}
         for name, peak in (("torque_limit", torque), ("speed_limit", speed)):
             if peak is not None and peak <= LARGEST_RAISE:
-                raised = RAISED_RATIO * peak * getattr(specification, name) / share
+                raised = ratio * peak * getattr(specification, name)
                 limits[name] = np.array([round_up(limit, PRINTED_DIGITS) for limit in raised])
         options = [{name: limit} for name, limit in limits.items()]
         if together:
@@ -271,6 +273,11 @@ class SearchEvidence(NamedTuple):
     duration: float | None = None
     start_speed: tuple[float, ...] | None = None
     without_times: bool = False
+
+    def longer_durations(self, *, has_springs: bool) -> list[float]:
+        """Return durations [s] to try, from the quickest on; none without a quickest law."""
+        ratios = (ELASTIC_RATIO,) if has_springs else LONGER_DURATIONS
+        return [round_up(ratio * self.quickest, PRINTED_DIGITS) for ratio in ratios if self.quickest]
 
     @property
     def clauses(self) -> tuple[str, ...]:

@@ -119,7 +119,14 @@ def pave_singularities(
         InvalidInput: the robot has more freedoms, redundant motors, no passive joints or moving ball joints;
             or an option is not a positive number.
     """
-    _expect_pavable(robot)
+    require_square(robot)
+    if robot.n > 2 or robot.n_a != robot.n or not robot.n_p:
+        raise InvalidInput(
+            f"{robot.name}: paving is for robots of one or two freedoms, a motor for each, and passive joints"
+        )
+    turning = not robot.translations.all() and not isinstance(robot.platform, JointPlatform)
+    if turning and planar_normal(robot) is None:
+        raise InvalidInput(f"{robot.name}: a platform that turns is paved in a plane only")
     resolution = positive("resolution", resolution)
     reach = positive("reach", reach)
     max_boxes = whole_number("max_boxes", max_boxes, 1, 10**9)
@@ -142,18 +149,6 @@ def pave_singularities(
         for block in singular_sets(bounds.robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
-
-
-def _expect_pavable(robot: ParallelRobot) -> None:
-    """Raise InvalidInput for a robot whose singular sets cannot be paved."""
-    require_square(robot)
-    if robot.n > 2 or robot.n_a != robot.n or not robot.n_p:
-        raise InvalidInput(
-            f"{robot.name}: paving is for robots of one or two freedoms, a motor for each, and passive joints"
-        )
-    turning = not robot.translations.all() and not isinstance(robot.platform, JointPlatform)
-    if turning and planar_normal(robot) is None:
-        raise InvalidInput(f"{robot.name}: a platform that turns is paved in a plane only")
 
 
 def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:

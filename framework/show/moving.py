@@ -49,15 +49,12 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
         InvalidInput: no such kind, or the films do not share a robot and a path.
     """
     check_choice("kind of picture", kind, PICTURE_KINDS)
-    return _moving_picture(films, kind) if kind in MOVING_KINDS else _still_picture(films, kind)
-
-
-def _still_picture(films: Sequence[Film], kind: str) -> bytes:
-    """Draw the last singular instant, beside the eye of all films; side by side if some film has no eye."""
+    if kind in MOVING_KINDS:
+        return _moving_picture(films, kind)
     with use_style():
         if len(films) == 1 or all(each.instants for each in films):
             scene = _scene_beside_eye(films)
-        else:
+        else:  # some film has no eye
             scene = _scene_of_films(films)
             scene.share_limits([max((i.time for each in films for i in each.instants), default=0.0)])
         return figure_file(scene.drawing, kind, dpi=100)

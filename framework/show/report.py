@@ -61,13 +61,24 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
     count = len(plan.crossings)
     through = f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
     heading = f"{display_name(plan.robot.name)}: {through if count else 'a motion without a singularity'}"
+    installed = ", ".join(map(" ".join, (package_versions() | {"meshcat": version("meshcat")}).items()))
+    source = f"{plan.robot.name} is {plan.robot.description.file.name}"
+    written = f"<p>{escape(source)}; written on {date.today()} with {escape(installed)}.</p>"
+    call = escape(python_call(plan))
+    paragraphs = [f"<p>{_mark_indices(describe_film(film))}</p>"]
+    if film.has_measure and not film.instants:
+        least = np.abs(film.g).min()
+        paragraphs.append(f"<p>The measure of singularity |g| is {least:.3g} or more on its frames.</p>")
+    for instant in film.instants:
+        sentence = _mark_indices(f"{why_singular(film.robot)} {explain_crossing(film, instant)}")
+        paragraphs.append(f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>")
     contents = {
-        "What happens": _motion_html(film) + _table_html(motion_facts(plan)),
+        "What happens": "".join(paragraphs) + _table_html(motion_facts(plan)),
         "Figures": _figures_html(plan, film),
         "The law": _law_html(plan),
         "The certificate": _certificate_html(plan),
         "Parameters": _parameters_html(plan),
-        "How to reproduce it": _reproduction_html(plan),
+        "How to reproduce it": f'<pre tabindex="0">from framework import *\n\nplan = {call}</pre>{written}',
     }
     sections = [f"<section><h2>{title}</h2>\n{content}</section>" for title, content in contents.items()]
     body = "\n".join(['<div class="report">', scene_part(heading, FILM_LEAD), *sections, "</div>"])
@@ -86,18 +97,6 @@ def _table_html(rows: Iterable[Fact]) -> str:
         cells = "".join(f"<td>{_mark_indices(cell)}</td>" for cell in row)
         lines.append(f"<tr>{cells}</tr>")
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
-
-
-def _motion_html(film: Film) -> str:
-    """Return paragraphs on the motion, and on each singular instant."""
-    paragraphs = [f"<p>{_mark_indices(describe_film(film))}</p>"]
-    if film.has_measure and not film.instants:
-        least = np.abs(film.g).min()
-        paragraphs.append(f"<p>The measure of singularity |g| is {least:.3g} or more on its frames.</p>")
-    for instant in film.instants:
-        sentence = _mark_indices(f"{why_singular(film.robot)} {explain_crossing(film, instant)}")
-        paragraphs.append(f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>")
-    return "".join(paragraphs)
 
 
 def _law_html(plan: CrossingPlan) -> str:
@@ -174,18 +173,6 @@ def _parameters_html(plan: CrossingPlan) -> str:
         numbers = f"{line.stiffness:g} N/m from {line.rest:g} m, damping {line.damping:g} N s/m"
         rows.append(Fact(f"spring {line.label}", numbers))
     return _table_html(rows)
-
-
-def _reproduction_html(plan: CrossingPlan) -> str:
-    """Return the call that repeats the plan, and the versions of packages."""
-    robot = plan.robot
-    versions = package_versions() | {"meshcat": version("meshcat")}
-    installed = ", ".join(map(" ".join, versions.items()))
-    return (
-        f'<pre tabindex="0">from framework import *\n\nplan = {escape(python_call(plan))}</pre>'
-        f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
-        f"{date.today()} with {escape(installed)}.</p>"
-    )
 
 
 def _figures_html(plan: CrossingPlan, film: Film) -> str:

@@ -87,7 +87,13 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
     alike = films_with_motors_of(film, films)
     peak = peak_torque(alike)
     poses = joint_poses(robot, film.q)
-    W_p, *world = _wrench_documents(film)
+    arrows = [_arrow_document(film.demands)]  # of W_p, then of the nonzero wrenches of the world
+    for wrench in film.wrenches:
+        if wrench.wrench.any():
+            frame = {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
+            arrows.append(_arrow_document(wrench.at_origin) | frame)
+    largest = np.max([arrow["largest"] for arrow in arrows], axis=0)  # to one scale
+    W_p, *world = (arrow | {"largest": largest} for arrow in arrows)
     reason = ", no limit given" if np.isinf(stated_limits(alike)).all() else ""
     drawn = page_robot_document(robot, poses, sight)
     # lines of action, if there are any and the film has singular instants
@@ -161,7 +167,16 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
     points = [frame_positions(robot, poses)]
     for pose in poses[[0, len(poses) // 2, -1]]:
         points += [carried_points(pose[shape.node], shape.corners()) for shape in sight.bodies]
-    view = _view_document(np.concatenate(points), sight)
+    all_points = np.concatenate(points)
+    low, high = all_points.min(axis=0), all_points.max(axis=0)
+    center = 0.5 * (low + high)
+    view = {
+        "center": center,
+        "radius": max(np.linalg.norm(all_points - center, axis=1).max(), 1e-6),
+        "from": tilt_direction(sight.toward) if sight.planar else sight.toward,  # to the eye
+        "lowest": low[2],
+        "flat": sight.planar,
+    }
     motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
     frames = [robot.model.frames[frame] for frame in robot.frames]  # at the ends of springs
     places = [{"node": end.parentJoint, "place": end.placement.translation.copy()} for end in frames]
@@ -232,17 +247,6 @@ def _magnification(deflection: Array, largest_drawn: float) -> float:
     factor = largest_drawn / largest
     power = float(10.0 ** np.floor(np.log10(factor)))
     return max(part for part in (1.0, 2.0, 5.0) if part * power <= factor * (1 + 1e-9)) * power
-
-
-def _wrench_documents(film: Film) -> list[Document]:
-    """Return W_p and the nonzero wrenches of the world, to one scale."""
-    documents = [_arrow_document(film.demands)]
-    for wrench in film.wrenches:
-        if wrench.wrench.any():
-            frame = {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
-            documents.append(_arrow_document(wrench.at_origin) | frame)
-    largest = np.max([document["largest"] for document in documents], axis=0)
-    return [document | {"largest": largest} for document in documents]
 
 
 def _arrow_document(vectors: Array) -> Document:
@@ -367,16 +371,3 @@ def encode_locus(
     pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, max_distance=max_distance)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
-
-
-def _view_document(points: Array, sight: Sight) -> Document:
-    """Return the view: centre and radius of a picture of points (m, 3), direction to the eye."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    center = 0.5 * (low + high)
-    return {
-        "center": center,
-        "radius": max(np.linalg.norm(points - center, axis=1).max(), 1e-6),
-        "from": tilt_direction(sight.toward) if sight.planar else sight.toward,
-        "lowest": low[2],
-        "flat": sight.planar,
-    }

@@ -72,7 +72,14 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjec
     bodies = body_shapes(robot)
     motors = motor_shapes(robot, bodies)
     normal = planar_normal(robot)
-    points, nodes = _sample_surfaces(robot, robot.reference.q if q is None else q, bodies + motors)
+    # points (m, 3) on all solids, in units of a cell, 40 along the largest extent; their nodes (m,)
+    shapes = bodies + motors
+    poses = joint_poses(robot, robot.reference.q[None] if q is None else q[None])[0]
+    boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
+    cell = np.ptp(np.concatenate(boxes), axis=0).max() / 40
+    surfaces = [carried_points(poses[shape.node], surface_points(shape, cell)) for shape in shapes]
+    points = np.concatenate(surfaces) / cell
+    nodes = np.repeat([shape.node for shape in shapes], list(map(len, surfaces)))
     # The direction to the eye has the best score: the visible share of the bodies, reduced by up to 30 % with
     # the angle from the usual direction. For a spatial robot it is multiplied by the share of the wanted
     # arrow that lies across the line of sight, and by the roots, which count less, of this share of the path
@@ -139,17 +146,6 @@ def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
     level = np.cos(elevation)
     around = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
     return around.reshape(-1, 3), USUAL_DIRECTION / np.linalg.norm(USUAL_DIRECTION)
-
-
-def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
-    """Return points (m, 3) on all solids at q (nq,), in units of a cell, and their nodes (m,)."""
-    poses = joint_poses(robot, q[None])[0]
-    boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
-    # 40 cells along the largest extent
-    spacing = np.ptp(np.concatenate(boxes), axis=0).max() / 40
-    points = [carried_points(poses[shape.node], surface_points(shape, spacing)) for shape in shapes]
-    nodes = np.repeat([shape.node for shape in shapes], list(map(len, points)))
-    return np.concatenate(points) / spacing, nodes
 
 
 def _count_visible_cells(points: Array, nodes: IntArray, onto: Projection) -> IntArray:

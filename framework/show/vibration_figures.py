@@ -53,7 +53,13 @@ def plot_modes(result: PlatformStiffness) -> Figure:
     if arrow.any():
         draw_arrow(first, sight.onto(foot), sight.onto(ARROW_LENGTH * robot.length * arrow / size), TWIST)
     first.set_title(f"softest {result.softest_in_words}", fontsize=7)
-    rest = sight.onto(_link_lines(result, poses))
+    origins, model = poses[0, :, :3], robot.model
+    # from each joint to those behind and to frames
+    lines = [(origins[model.parents[j]], origins[j]) for j in range(2, model.njoints) if model.parents[j]]
+    for frame in robot.frames:
+        if joint := model.frames[frame].parentJoint:
+            lines.append((origins[joint], frame_origins(robot, poses, frame)[0]))
+    rest = sight.onto(np.array(lines))  # (m, 2, 2)
     for k, ax in enumerate(others):
         if k < count:
             draw_robot(robot, result.displace_pose(k, DRAWN_MOTION), ax, sight=sight)
@@ -71,18 +77,6 @@ def modes_picture(result: PlatformStiffness, kind: str) -> bytes:
     """Return the picture of `plot_modes` as a file: png, svg or pdf."""
     with use_style():
         return figure_file(plot_modes(result), kind)
-
-
-def _link_lines(result: PlatformStiffness, poses: Array) -> Array:
-    """Return lines (m, 2, 3) [m] from each joint to those behind and to frames."""
-    robot = result.robot
-    origins = poses[0, :, :3]
-    model = robot.model
-    lines = [(origins[model.parents[j]], origins[j]) for j in range(2, model.njoints) if model.parents[j]]
-    for frame in robot.frames:
-        if joint := model.frames[frame].parentJoint:
-            lines.append((origins[joint], frame_origins(robot, poses, frame)[0]))
-    return np.array(lines)
 
 
 @lru_cache(maxsize=1)

@@ -70,18 +70,6 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     return Uncontrolled(kind, twist / scale, motion / scale, space.corank)
 
 
-def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Uncontrolled:
-    """Compute the motion with locked motors that opens the loops least (T = 1).
-
-    At a Type 2 singularity of corank 1 it is that of `uncontrolled_motion`, found without the other kinds.
-    """
-    P = passive_matrix(robot, linearised)[0]
-    motion = passive_motion(robot, np.linalg.svd(P).Vh[-1])  # that of the least singular value
-    twist = linearised.platform[0] @ motion
-    scale = twist_norm(robot, twist)
-    return Uncontrolled("type_2", twist / scale, motion / scale, corank=1)
-
-
 # Of several kinds `uncontrolled_motion` returns the first: no law can cross closure and constraint.
 PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 

@@ -23,8 +23,9 @@ from framework import (
 from framework.dynamics.elasticity import pass_at_rest
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
+from framework.dynamics.motion_checks import measure_residuals
 from framework.dynamics.result import Certificate
-from framework.numerics.chebyshev import TimeGrid
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from tests.oracles import five_bar as oracle
 from tests.oracles.placements import placements
 
@@ -78,6 +79,27 @@ def test_half_way_between_nodes_the_loops_are_as_closed_as_the_certificate_says(
     tips = (placements(robot.model, ("left_tip", "right_tip"), row) for row in q)
     gaps = [np.linalg.norm(left.translation - right.translation) for left, right in tips]
     assert max(gaps) < max(10 * plan.certificate.max_closure_error, 1e-14)
+
+
+def test_the_certificate_sees_errors_of_the_series_of_torques_and_of_poses(robot):
+    # residuals are measured on the series themselves: an error of 1e-6 in one of their coefficients shows
+    motion = inverse_dynamics(robot, CLEAR, Law.rest_to_rest(1.5, 2))
+    branch, grid = track_path(robot, CLEAR), motion.torques.grid
+    state, _ = pass_at_rest(branch, grid, motion.law, np.empty(0))
+    exact, _ = measure_residuals(branch, state, motion)
+    assert exact.certificate.max_residual_torque < 1e-13
+    assert exact.certificate.max_closure_error < 1e-14
+
+    moved = motion.offsets.coefficients.copy()
+    moved[:, 3, robot.actuated[0]] += 1e-6  # [rad] of a crank
+    opened, _ = measure_residuals(branch, state, replace(motion, offsets=TimeFunction(grid.edges, moved)))
+    reach = 0.5  # [m] of two links: the crank turns its whole leg
+    assert 0.1e-6 * reach < opened.certificate.max_closure_error < 1.0001e-6 * reach
+
+    turned = state.forces.joint_torque + 1e-6 * np.cos(3.0 * np.pi * grid.times / 1.5)[:, None]  # [N m]
+    wrong = replace(state, forces=state.forces._replace(joint_torque=turned))
+    missing, _ = measure_residuals(branch, wrong, motion)
+    assert 1e-7 < missing.certificate.max_residual_torque < 1e-4
 
 
 def test_knots_of_a_spline_get_panels_of_their_own(robot):

@@ -15,8 +15,8 @@ from framework import plan_scene
 MAX_GROWTH = 1.03
 CALLS = {
     ("five_bar", "C", "rigid", "auto"): 4740,
-    ("five_bar", "C", "flexible_joints", "auto"): 7250,
-    ("five_bar", "C", "flexible_links", "auto"): 12370,
+    ("five_bar", "C", "flexible_joints", "auto"): 7220,
+    ("five_bar", "C", "flexible_links", "auto"): 12200,
     ("five_bar", "C", "rigid", "optimal"): 37150,
     ("delta", "cross", "rigid", "auto"): 6310,
     ("gough_stewart", "tilt", "rigid", "auto"): 3390,

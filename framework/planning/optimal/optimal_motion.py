@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
+from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.numerics.time_limit import seconds_ended
 from framework.planning.motor_use import find_largest_use, raise_drives
 from framework.planning.optimal.best_law import Best
@@ -17,12 +17,10 @@ from framework.planning.optimal.certified_motion import OptimalMotion, certify_m
 from framework.planning.optimal.elastic_search import ElasticSearch
 from framework.planning.optimal.optimal_task import Task, check_single_crossings, check_speeds
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_undeformed_law
-from framework.planning.refusals import PRINTED_DIGITS, HoldingTorque, LeastLimits, SearchEvidence, advice_of
+from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence, advice_of
 from framework.planning.request import DRIVE_OPTIONS, limit_excess
 
 MAX_PASSES = 12  # of optimising a law and resolving its motion
-# over the quickest, tried in turn as remedies; of an elastic robot, whose laws are slower than splines
-LONGER_DURATIONS, ELASTIC_LONGER = (1.0, 1.02, 1.1), 1.1
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
 
@@ -131,13 +129,10 @@ def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
             return evidence
         evidence = evidence._replace(start_speed=None)
     bound = "longest" if task.specification.duration is None else "duration"
-    for ratio in (ELASTIC_LONGER,) if task.robot.n_e else LONGER_DURATIONS:
-        if evidence.quickest is None or evidence.duration is not None:
-            break
-        duration = round_up(ratio * evidence.quickest, PRINTED_DIGITS)
-        if _try_motion(task, {bound: duration}) is not None:
-            evidence = evidence._replace(duration=duration)
-    # least limits of an undeformed robot seldom suffice, and raised curves are those of other motors
+    durations = evidence.longer_durations(has_springs=task.robot.n_e > 0)
+    found = (duration for duration in durations if _try_motion(task, {bound: duration}) is not None)
+    evidence = evidence._replace(duration=next(found, None))
+    # limits of an undeformed robot may not suffice, and raised curves are those of other motors
     if evidence.duration is not None and (task.robot.n_e or evidence.least.is_unknown):
         return evidence
     share = 1.0 - task.request.margin
@@ -179,7 +174,7 @@ def _find_motion(task: Task, *, is_trial: bool = False) -> OptimalMotion:
         try:
             return _certify_law(task, best)
         except NotConverged:
-            best = adapt_found_law(task, best, share=share)
+            best = adapt_found_law(best, share=share)
     return _certify_law(task, best)
 
 
@@ -202,7 +197,7 @@ def _certify_law(task: Task, best: Best) -> OptimalMotion:
         excess = limit_excess(motion.dynamics, task.specification)
         if excess <= 1.0:
             return motion
-        best = adapt_found_law(task, best, excess=excess)
+        best = adapt_found_law(best, excess=excess)
     raise NotConverged(
         f"no law within all limits is resolved in {MAX_PASSES} passes",
         name=task.robot.name,

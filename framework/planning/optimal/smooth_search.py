@@ -337,11 +337,12 @@ class SmoothSearch(NamedTuple):
                 excess_left = np.maximum(over, under)
                 if np.isfinite(step.duration) and (bounded or np.all((excess_left <= allowed)[required])):
                     is_gain = self._is_gain(goal, step, law)
+                    is_nearer = self._mismatch(step) < 0.5 * self._mismatch(law)
                     law = step
                     excess = excess_left
                     slack *= SLACK_LEFT if np.all(targets[required] == stages[required]) else 1.0
                     is_near = self._mismatch(law) <= (2.0 * BLENDED_DURATION if bounded else SAME_DURATION)
-                    if is_near and not is_gain:
+                    if not is_gain and (is_near or not is_nearer):
                         break
                     continue
                 overshoot = step if np.isfinite(step.duration) else None

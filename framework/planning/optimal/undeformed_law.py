@@ -28,7 +28,9 @@ from framework.planning.optimal.phase_plane import SquaredSpeed, demand
 from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.planning.refusals import (
+    ELASTIC_RATIO,
     PRINTED_DIGITS,
+    RAISED_RATIO,
     HoldingTorque,
     LeastLimits,
     SearchEvidence,
@@ -143,13 +145,7 @@ def _lift_torque_limits(problem: LawProblem) -> LawProblem:
     return problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
 
 
-def adapt_found_law(
-    task: Task,
-    best: Best,
-    *,
-    excess: float = 1.0,
-    share: float | None = None,
-) -> Best:
+def adapt_found_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best:
     """Find a smooth law near the best, with tighter limits or a larger cost.
 
     Args:
@@ -164,13 +160,14 @@ def adapt_found_law(
     if isinstance(adapted, NoneFound):
         raise NotConverged(
             "no law near the best keeps all limits between its points",
-            name=task.robot.name,
+            name=best.program.problem.task.robot.name,
             residual=excess - 1.0,
         )
-    if not task.robot.is_damped:
+    problem = adapted.program.problem
+    if not problem.task.robot.is_damped:
         return adapted
     # condition (8) was linearised about another law
-    return adapted._replace(law=_meet_conditions(adapted.program.problem, adapted.law))
+    return adapted._replace(law=_meet_conditions(problem, adapted.law))
 
 
 def problem_of(task: Task, places: Sequence[float] | None = None) -> LawProblem:
@@ -426,8 +423,9 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
         torque, speed = find_least("limits")
-    share = 1.0 - problem.task.request.margin
-    return LeastLimits.of(specification, torque, speed, share, together=together and torque is not None)
+    ratio = ELASTIC_RATIO if problem.task.robot.n_e else RAISED_RATIO
+    ratio /= 1.0 - problem.task.request.margin
+    return LeastLimits.of(specification, torque, speed, ratio, together=together and torque is not None)
 
 
 def _find_slower_start(problem: LawProblem) -> tuple[float, ...] | None:
