@@ -128,7 +128,8 @@ class Closure:
     frames: tuple[str, str]
     axes: Names
     length: float | None = None
-    omits_axis: bool = False  # whether the file leaves out the axis of its kind, which is z then
+    # whether the file leaves out the axis of its kind, which is z then
+    omits_axis: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         """Refuse unknown rows, a missing length, and a length that no row needs."""

@@ -233,8 +233,8 @@ class RobotReader:
                 table["axis"] = optional(one_of("closure axis", tuple("xyz")))
             values = read_table(where, given, table)
             axes = locked_axes(values["kind"], values.get("axis") or "z")
-        has_axis = values.get("axis") is not None or "axes" in content
-        omits_axis = not has_axis and set(axes) != set(locked_axes(values["kind"], "x"))
+        takes_axis = "axis" in table and set(axes) != set(locked_axes(values["kind"], "x"))
+        omits_axis = takes_axis and values.get("axis") is None
         return Closure(values["name"], values["frames"], axes, values.get("length"), omits_axis)
 
     def pair_of_frames(self, where: str, given: Any) -> tuple[str, str]:
