@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 from argparse import Namespace
 from collections.abc import Sequence
@@ -98,7 +97,6 @@ def add_robustness_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--controller",
         nargs="+",
-        type=_read_label,
         metavar="NAME",
         help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward); lqg estimates state and "
         "differences from its sensors and is for every robot, lqr needs --sensors joints for springs",
@@ -169,7 +167,7 @@ def add_robustness_options(parser: OneLineParser) -> None:
             f"{meaning} (default: {default:g})",
             dest=f"spread_{name}",
             default=default,
-            type=_read_share if meaning.startswith("share") else float,
+            type=str if meaning.startswith("share") else float,
         )
     loop = parser.topic("the control loop")
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
@@ -208,23 +206,6 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
 
 
-def _read_label(text: str) -> str:
-    """Check a controller's name, perhaps with a gain such as `feedforward bandwidth=20`; an argparse type."""
-    try:
-        split_label(text)
-    except InvalidInput as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
-    return text
-
-
-def _read_share(text: str) -> float:
-    """Parse a share such as 10% or 0.1; an argparse type."""
-    try:
-        return arguments.share("", text)
-    except InvalidInput:
-        raise argparse.ArgumentTypeError(f"needs a share such as 10% or 0.1, got {text!r}") from None
-
-
 def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, repeat a single run, or predict without runs."""
     if options.replay is not None:
@@ -238,6 +219,7 @@ def run_robustness(options: Namespace) -> Report:
         head = f"{robot}: without runs, {setup.loop.tolerance:.4g} robot lengths or rad passes"
         document = {"robot": robot, **setup.to_dict()} | _describe_sensors(predictions, trials)
         return document, [head, *_format_sensors(setup, predictions, trials)]
+    _controller_names(options)  # unknown ones are refused before anything is planned
     with arguments.start_workers(options, "framework.control.study") as executor:
         return _study_controllers(options, executor)
 
@@ -314,7 +296,9 @@ def _choose_setup(options: Namespace) -> tuple[StudySetup, list[LoopPrediction],
 
 def _make_setup(options: Namespace) -> StudySetup:
     """Return the setup of a study: the plan and the settings."""
-    spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
+    stated = {name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES}
+    texts = {name: value for name, value in stated.items() if isinstance(value, str)}  # shares but defaults
+    spread = Spread(**stated | {name: arguments.share(f"--{name}", text) for name, text in texts.items()})
     limit = None if options.limit is None else tuple(options.limit)
     plan = arguments.load_or_plan(options)
     try:
@@ -373,22 +357,22 @@ def _list_trials(trials: Sequence[SensorTrial]) -> str:
 
 def _controller_names(options: Namespace) -> list[str]:
     """Return the names of the controllers, each once, with the values of --sweep."""
-    names = list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
-    if options.sweep is None:
-        return names
-    key, _, ends = options.sweep.partition("=")
-    try:
-        low, high = map(float, ends.split(".."))
-    except ValueError:
-        low = high = 0.0
-    if key not in GAINS or not 0 < low < high < np.inf:
-        raise InvalidInput(
-            f"--sweep: needs {', '.join(GAINS[:-1])} or {GAINS[-1]} with two positive ends, such as "
-            f"bandwidth=5..60, got {options.sweep!r}"
-        )
-    labels = [f"{name} {key}={value:.4g}" for name in names for value in np.geomspace(low, high, SWEPT)]
+    labels = list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
+    if options.sweep is not None:
+        key, _, ends = options.sweep.partition("=")
+        try:
+            low, high = map(float, ends.split(".."))
+        except ValueError:
+            low = high = 0.0
+        if key not in GAINS or not 0 < low < high < np.inf:
+            raise InvalidInput(
+                f"--sweep: needs {', '.join(GAINS[:-1])} or {GAINS[-1]} with two positive ends, such as "
+                f"bandwidth=5..60, got {options.sweep!r}"
+            )
+        values = np.geomspace(low, high, SWEPT)
+        labels = [f"{name} {key}={value:.4g}" for name in labels for value in values]
     for label in labels:
-        split_label(label)  # refuses gains that a controller does not have
+        split_label(label)  # refuses controllers, and gains that one does not have
     return labels
 
 
@@ -513,20 +497,17 @@ def replay_run(options: Namespace) -> Report:
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
-    failed = {study["controller"]: study["failures"] for study in stated["studies"]}
-    chosen = options.controller or list(failed)
-    if len(chosen) != 1 or chosen[0] not in failed:
-        raise InvalidInput(
-            f"--controller: give one of this study: {', '.join(map(str, failed))}; got "
-            f"{' '.join(options.controller or ()) or 'none'}"
-        )
-    name, failures = chosen[0], failed[chosen[0]]
+    failures_of = {study["controller"]: study["failures"] for study in stated["studies"]}
+    name = " ".join(options.controller or failures_of)  # of one alone
+    if name not in failures_of:
+        given = " ".join(options.controller or ()) or "none"
+        raise InvalidInput(f"--controller: give one of this study: {', '.join(failures_of)}; got {given}")
     number = options.replay
     if number >= stated["runs"]:
         raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
     run = setup.run(name, number)
     seed = [setup.seed, number]  # of this run, as in the document
-    written = [failure for failure in failures if failure.get("seed") == seed]
+    written = [failure for failure in failures_of[name] if failure.get("seed") == seed]
     # all results have one entry, that of the repeated run
     repeated = [] if run.passed[0] else [_describe_failure(run, 0, seed)]
     document = {

@@ -344,7 +344,8 @@ class ControlCycle:
         position, linear = self._equations.platform_motion()
         if platform.is_point:  # its coordinates are positions along base axes
             return position[platform.along], linear[platform.along]
-        w = self._equations.platform_turning()
+        scratch = self._equations.scratch
+        w = scratch.velocities[scratch.bodies[0], 3:]  # (3,) at the last `evaluate_motion`
         attitude = platform.attitude
         frames = self._equations.frame_stack(self.q)
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]
@@ -486,10 +487,6 @@ class SinglePose:
         """Return position and velocity (3,) of the platform's origin at the last `evaluate_motion`."""
         origin = self._motion[0, 3]
         return origin[:3], origin[4:7]
-
-    def platform_turning(self) -> Array:
-        """Return the angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""
-        return self.scratch.velocities[self.scratch.bodies[0], 3:]
 
     def _update_frames(self) -> None:
         """Copy axes and origins of the frames from pinocchio."""

@@ -65,12 +65,6 @@ class Reference(ReadOnlyArrays):
         """Singular values (n,) below which the motors do not determine the platform."""
         return fading_thresholds(self.motor_maps)
 
-    @property
-    def planned_wrenches(self) -> dict[str, Array]:
-        """External wrenches (K, 6) along the planned motion, on base axes, by frame."""
-        frames = self.motion.linearised.frames
-        return self.wrenches.evaluate_on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
-
 
 def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
     """Sample the plan every `period` seconds.

@@ -211,21 +211,14 @@ def pass_at_rest(branch: Branch, grid: TimeGrid, law: MotionLaw, crossings: Arra
     Returns:
         The pass; the forces r (k + T, nv) at the crossings, then on the grid.
     """
-    robot, k, T = branch.robot, len(crossings), len(grid.times)
+    robot, k = branch.robot, len(crossings)
     motion = motion_at_rest(branch, np.concatenate([crossings, grid.times]), law)  # at k + T instants
     on_grid = motion.select(slice(k, None))
     r = tree_forces(robot, motion)  # (k + T, nv)
     forces = balanced_forces(robot, on_grid.linearised, r[k:])
-    at_rest = Pass(
-        grid,
-        law,
-        deflections=TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e))),
-        q_e=np.zeros((T, robot.n_e)),
-        motion=on_grid,
-        forces=forces,
-        caused=-forces.spring_force / robot.stiffness,  # q_e = -K^-1 f, as in this file's docstring
-    )
-    return at_rest, r
+    q_e = np.zeros(forces.spring_force.shape)
+    caused = -forces.spring_force / robot.stiffness  # q_e = -K^-1 f, as in this file's docstring
+    return Pass(grid, law, grid.fit(q_e), q_e, on_grid, forces, caused), r
 
 
 def evaluate_pass(

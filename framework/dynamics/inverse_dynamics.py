@@ -359,11 +359,10 @@ class _Refinement:
             UnboundedTorque: the law violates condition (8), and the geometry is rigid.
         """
         branch = self.searched.branch
-        is_first = not self.crossings
-        if not is_first:
-            instants = np.empty(0)
+        if self.crossings:  # measured on the first grid
+            instants = instants[:0]
         at_rest, forces = pass_at_rest(branch, grid, self.law, instants)
-        if self.crossed and is_first:
+        if len(instants):
             self.crossings = measure_crossings(branch.robot, self.law.duration, self.crossed, forces)
             self.has_pole = any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings)
             if self.geometry == "rigid":
@@ -415,10 +414,7 @@ class _Refinement:
             torques=torques,
             motor_angles=grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated]),
             deflections=solution.deflections,
-            deflection_rates=tuple(
-                grid.fit(rate[:, robot.elastic]) if robot.n_e else solution.deflections
-                for rate in (motion.v, motion.a)
-            ),
+            deflection_rates=(grid.fit(motion.v[:, robot.elastic]), grid.fit(motion.a[:, robot.elastic])),
             offsets=grid.fit(offsets),
             origin=branch.origin,
             crossings=self.crossings,

@@ -34,7 +34,6 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import tree_columns
 from framework.kinematics.inverse_kinematics import turn_motions
 from framework.kinematics.linearised_loops import (
-    LinearisedLoops,
     linearised_at_reference,
     type2_matrix,
 )
@@ -76,9 +75,8 @@ def measure_residuals(
     times = check_instants(robot, solution.grid)
     of_series = result.motion(times, closed=False)
     motion = motion_at_rest(branch, times, result.law) if forces_are_at_rest(result) else of_series
-    r = tree_forces(robot, motion)
     torques = solution.grid.fit(solution.forces.joint_torque)(times)  # (T, n_a)
-    forces = residual_torques(robot, motion.linearised, r, torques)  # (T, nv)
+    forces = residual_torques(robot, motion, torques)  # (T, nv)
     residual = forces.copy()
     residual[:, robot.structure.idle] = 0.0  # no error of the series: `check_idle_joints` limits it
 
@@ -239,18 +237,15 @@ def forces_are_at_rest(result: InverseDynamics) -> bool:
     return bool(result.robot.n_e) and result.geometry == "rigid"
 
 
-def residual_torques(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, torque: Array) -> Array:
-    """Compute the generalised forces (T, nv) missing for balance.
+def residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
+    """Compute the generalised forces (T, nv) missing for balance under motor torques (T, n_a), joint side.
 
     They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see the
     header). Elastic columns are zero.
-
-    Args:
-        r: (T, nv) forces of the open tree.
-        torque: motor torques (T, n_a), joint side.
     """
     columns = robot.moving
     idle = robot.structure.idle
+    linearised, r = motion.linearised, tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, linearised, r, torque)
     w, lambda_ = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros(r.shape)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.dynamics.forces import internal_projectors, tree_forces
+from framework.dynamics.forces import internal_projectors
 from framework.dynamics.motion_checks import check_instants, residual_torques
 from framework.dynamics.result import InverseDynamics
 from framework.numerics.arrays import Array
@@ -216,10 +216,10 @@ class _SharedMotion:
         """Return the motion certified with other torques."""
         result, robot = self.result, self.result.robot
         times = check_instants(robot, self.grid)
-        motion = result.motion(times)
+        motion = result.motion(times, closed=False)
         rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
         joint_torques = robot.gear_ratio * (torques(times) - rotors)
-        residual = residual_torques(robot, motion.linearised, tree_forces(robot, motion), joint_torques)
+        residual = residual_torques(robot, motion, joint_torques)
         residual[:, robot.structure.idle] = 0.0  # limited by `check_idle_joints`
         certificate = replace(
             result.certificate,

@@ -135,15 +135,6 @@ class Geometry(ReadOnlyArrays):
         equations = replace(self.model.equations, loops=change(self.model.loops))
         return replace(self.model, rows=change(self.model.rows), equations=equations)
 
-    def length_slopes(self, rows: LoopRows) -> Array:
-        """Compute the derivatives (m, lengths) of the residuals of m rows with respect to the lengths."""
-        slopes = np.zeros((len(rows.names), len(self.lengths)))
-        for k in np.flatnonzero(rows.square).tolist():
-            closure = rows.names[k].rpartition(".")[0]
-            if closure in self.lengths:
-                slopes[k, self.lengths.index(closure)] = -2.0 * rows.weight[k] * rows.reach[k]
-        return slopes
-
 
 def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
     """Add six geometric parameters to the origin of each joint, and one to each length of a closure.
@@ -457,7 +448,11 @@ def eliminate_poses(
     gap = weights * loops.residual  # (T, r) F
     jacobian = weights[:, None] * loops.jacobian
     F_q = jacobian[:, :, model.joints] * scale  # (T, r, k)
-    by_lengths = np.tile(weights[:, None] * geometry.length_slopes(model.rows), (len(q), 1, 1))
+    by_lengths = np.zeros((len(q), len(weights), len(geometry.lengths)))
+    for row, name in enumerate(model.rows.names):
+        if model.rows.square[row] and (closure := name.rpartition(".")[0]) in geometry.lengths:
+            slope = -2.0 * model.rows.weight[row] * model.rows.reach[row]
+            by_lengths[:, row, geometry.lengths.index(closure)] = weights[row] * slope
     F_p = np.concatenate([jacobian[:, :, model.elastic], by_lengths], axis=2) @ by_parameters  # (T, r, p)
     U, S, V_rows = np.linalg.svd(F_q)
     rank = len(model.structure.independent)

@@ -212,28 +212,25 @@ def _eliminate(information: Any, W: Any, by_samples: Any, white: Array) -> tuple
 def _noise_beside_errors(rows: TorqueRows, slopes: Any, misfit: Array) -> Array:
     """Compute sizes (n_a,) of the noise in a misfit (T, n_a) that no errors z of the motion explain.
 
-    They are those of least squares for z with noise of a small share of the torques. A draw of z shows how
-    many equations z takes, to the square root of twice their number.
-
-    Args:
-        slopes: (T n_a, z) of the torques by z, sparse.
+    They are those of least squares for z, by the torques' `slopes` (T n_a, z), with noise of a small share of
+    the torques. Random signs n (N,) of the equations show how many z leaves, n'(n - W C W'n) in the mean.
     """
     share = 1e-3  # less than any sensor's
     from scipy.sparse import diags_array  # slow to import
     from scipy.sparse.linalg import splu
 
+    n_a = misfit.shape[1]
+    used = np.flatnonzero(rows.valid)  # (N,)
+    motor = used % n_a
     unit = share * np.sqrt(np.mean(rows.torque**2, axis=0)) + np.finfo(float).tiny  # (n_a,)
-    weights = rows.valid / unit  # (T, n_a)
-    W = diags_array(weights.ravel()) @ slopes
+    W = diags_array(1.0 / unit[motor]) @ slopes.tocsr()[used]
     by_samples = rows.errors.samples
     information = splu((W.T @ W + by_samples.T @ by_samples).tocsc())
-    random = np.random.default_rng(0)
-    noises = [part.T @ random.standard_normal(part.shape[0]) for part in (W, by_samples)]
-    left = weights * misfit - (W @ information.solve(W.T @ (weights * misfit).ravel())).reshape(misfit.shape)
-    taken = (W @ information.solve(noises[0] + noises[1])).reshape(misfit.shape)
-    counts = rows.valid.sum(axis=0)  # (n_a,)
-    rest = np.maximum(counts - np.sum(taken**2, axis=0), np.sqrt(2.0 * counts) + 1.0)
-    return np.asarray(unit * np.sqrt(np.sum(left**2, axis=0) / rest) + np.finfo(float).tiny)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], len(used))
+    white = np.column_stack([misfit.ravel()[used] / unit[motor], signs])  # (N, 2)
+    left, of_signs = _eliminate(information, W, by_samples, white)[0][: len(used)].T
+    count = np.maximum(np.bincount(motor, signs * of_signs, n_a), 1.0)
+    return np.asarray(unit * np.sqrt(np.bincount(motor, left**2, n_a) / count) + np.finfo(float).tiny)
 
 
 def _sensor_columns(rows: TorqueRows, predicted: Array, errors: Mapping[str, float]) -> tuple[Array, Array]:

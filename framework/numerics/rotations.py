@@ -22,7 +22,6 @@ def _series(offset: int, order: int) -> list[float]:
 # power series in y = t^2 of the coefficients a and b of the left Jacobian and of their derivatives. The axes
 # (12, 2, 2) are power, a or b, order of the derivative; the last coefficients are below 1e-17
 _SERIES = np.array([[_series(2, 0), _series(2, 1)], [_series(3, 0), _series(3, 1)]]).transpose(2, 0, 1)
-_DIAGONAL = [0, 1, 2], [0, 1, 2]
 _CROSS = [2, 0, 1], [1, 2, 0]  # where the matrix of the cross product with v has v itself
 
 
@@ -39,17 +38,14 @@ def wrap_angles(angles: Array) -> Array:
 def rotation_matrix(vector: Array) -> Array:
     """Compute rotation matrices (T, 3, 3) of rotation vectors v (T, 3) [rad].
 
-    With t = |v| the matrix is cos(t) + sin(t) / t [v]x + b v v' with b = (1 - cos t) / t^2.
+    With t = |v| they are 1 + sin(t) / t [v]x + (1 - cos t) / t^2 [v]x [v]x.
     """
-    half = 0.5 * np.sqrt(dot(vector, vector))  # (T,) t / 2
+    half = 0.5 * np.sqrt(dot(vector, vector))[:, None, None]  # t / 2
     ratio = np.sinc(half / np.pi)  # sin(t / 2) over t / 2
-    scaled = (np.sqrt(0.5) * ratio)[:, None] * vector  # v b^(1/2)
-    matrix = scaled[:, :, None] * scaled[:, None]
-    matrix[:, *_DIAGONAL] += np.cos(2.0 * half)[:, None]
-    crossed = (ratio * np.cos(half))[:, None] * vector  # sin(t) / t v
-    matrix[:, *_CROSS] += crossed
-    matrix[:, *_CROSS[::-1]] -= crossed
-    return matrix
+    crossed = np.zeros((len(vector), 3, 3))  # [v]x
+    crossed[:, *_CROSS] = vector
+    crossed = crossed - crossed.swapaxes(1, 2)
+    return np.eye(3) + ratio * np.cos(half) * crossed + 0.5 * ratio**2 * (crossed @ crossed)
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -54,7 +54,7 @@ def restart_plan(
     robot = plan.robot
     orders = SMOOTHNESS[robot.n_e > 0]
     if robot.n_e and plan.geometry == "deformed" and springs_carry_inertia(track_path(robot, plan.path)):
-        # such springs follow all derivatives of x: torques by 1e-6 those above order 4, by 1e-10 above 8
+        # such springs follow all derivatives of x: beside a crossing torques by 1e-7 those above order 8
         orders = highest_order(plan.path)
         if path is not None and not isinstance(path, Sequence | np.ndarray):
             orders = min(orders, highest_order(path))
@@ -67,7 +67,7 @@ def restart_plan(
         raise InvalidInput(f"path: at t = {t:g} s the platform rests, a restart needs s' > 0")
     if path is None:
         s = float(s_rates[0])
-        if not s < 1.0:
+        if not s < 1.0 - SEAM_JUMP:
             raise InvalidInput(f"path: at t = {t:g} s nothing is left of the plan's own; give another")
         is_line = isinstance(plan.path, Line)
         path = Line(plan.path(s), plan.path(1.0)) if is_line else Part(plan.path, s, 1.0)

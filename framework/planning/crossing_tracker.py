@@ -121,19 +121,6 @@ def _step_loops(
     return linearised_at(robot, q, x), gap
 
 
-def describe_points(branch: Branch, tracked: TrackedPoints) -> list[SingularPoint]:
-    """Return tracked points as singular points of Type 2; at others no law is planned."""
-    points = []
-    numbers = zip(tracked.s.tolist(), tracked.slopes.tolist(), tracked.motions, strict=True)
-    for k, (s, slope, motion) in enumerate(numbers):
-        pose = tracked.pose.select(k)
-        twist = pose.platform[0] @ motion
-        scale = twist_norm(branch.robot, twist)
-        uncontrolled = Uncontrolled("type_2", twist / scale, motion / scale, corank=1)
-        points.append(SingularPoint.of(branch, s, pose, uncontrolled, contact="transversal", slope=slope))
-    return points
-
-
 @dataclass
 class CrossingTracker:
     """The points of k crossings, followed from pass to pass; points that the user imposes rest.
@@ -171,8 +158,15 @@ class CrossingTracker:
         at_crossings = np.array([deflections(self.times, order) for order in range(3)])  # (3, k, n_e)
         if not points[0].is_imposed:
             start = self.tracked or TrackedPoints.from_undeformed(branch, points)
-            self.tracked = track_points(branch, start, at_crossings[0])
-            points = describe_points(branch, self.tracked)
+            self.tracked = tracked = track_points(branch, start, at_crossings[0])
+            points = []  # of Type 2: at others no law is planned
+            numbers = zip(tracked.s.tolist(), tracked.slopes.tolist(), tracked.motions, strict=True)
+            for k, (s, slope, motion) in enumerate(numbers):
+                pose = tracked.pose.select(k)
+                twist = pose.platform[0] @ motion
+                scale = twist_norm(branch.robot, twist)
+                free = Uncontrolled("type_2", twist / scale, motion / scale, corank=1)
+                points.append(SingularPoint.of(branch, s, pose, free, contact="transversal", slope=slope))
         self.crossings = []
         for k, point in enumerate(points):
             condition = coefficients_at(branch, point, at_crossings[:, k])

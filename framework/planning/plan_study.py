@@ -105,15 +105,7 @@ def _plan_combination(
     quantities: Quantities,
     parameters: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """Compute the quantities of the plan for one combination of parameter values.
-
-    Args:
-        file: path of the robot file.
-        flexibility: which springs of the robot exist: "rigid" (none), "flexible_joints" or "flexible_links".
-        motion: path to follow, or the name of a scene.
-        options: of `plan_crossing`.
-        quantities: functions by name, each of which computes a number of a plan.
-        parameters: value of each parameter, by name.
+    """Compute the quantities of the plan for the values of all `parameters`; others as in `plan_study`.
 
     Raises:
         NoAnswer, RobotFileError, SingularReference: there is no plan.

@@ -24,7 +24,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.continuation.path_sheet import SHEET_NODES, panel_nodes
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.chebyshev import coefficients, derivative_matrix, extrema, real_roots, tail
+from framework.numerics.chebyshev import coefficients, derivative_matrix, evaluate, extrema, real_roots, tail
 from framework.numerics.ordered_sums import least_singular_values, singular_values
 from framework.singularity.bordered_system import (
     Border,
@@ -125,10 +125,8 @@ class Panel:
     def matrix(self, s: float) -> Array:
         """Interpolate the matrix (n, n) at s."""
         local = (2 * s - self.start - self.end) / self.width  # in [-1, 1]
-        polynomials = chebyshev.chebvander(np.array([local]), SHEET_NODES - 1)[0]  # (SHEET_NODES,)
-        # columns of `coefficients(eye)` are the series of the cardinal functions of the nodes
-        weights = polynomials @ coefficients(np.eye(SHEET_NODES))  # (SHEET_NODES,) of the nodes' matrices
-        return np.tensordot(weights, self.matrices, axes=1)
+        series = coefficients(self.matrices.reshape(SHEET_NODES, -1))  # (SHEET_NODES, n n)
+        return evaluate(np.array([local]).clip(-1.0, 1.0), series).reshape(self.matrices.shape[1:])
 
 
 def resolve_panels(measured: MeasuredMatrix) -> list[Panel]:
@@ -217,28 +215,17 @@ def _resolve_panel(measured: MeasuredMatrix, start: float, end: float) -> Panel 
         series = coefficients(g[:, None])
         # if g itself is small, a tail of mere rounding is large relative to g, although g is resolved
         if tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
-            if not _hides_root(matrices, border):
-                return Panel(start, end, series[:, 0], matrices, border)
+            # det G is det M over the determinant of the bordered matrix. Where both vanish close together, as
+            # where M falls into blocks, g passes smoothly: a root of det M may be missing from g.
+            signs, logarithms = np.linalg.slogdet(append_border(matrices, border))  # (SHEET_NODES,) each
+            if signs.all():
+                determinants = signs * np.exp(logarithms - logarithms.max())  # over the largest
+                if not len(real_roots(coefficients(determinants[:, None])[:, 0])):
+                    return Panel(start, end, series[:, 0], matrices, border)
             widest = max(widest, size + 1)
         size += 1
         border = Border.of(matrices[middle], size)
     return None
-
-
-def _hides_root(matrices: Array, border: Border) -> bool:
-    """Return whether a root of det M on a panel may be missing from g.
-
-    det G is det M over the determinant of the bordered matrix. Where both vanish close together, as where M
-    falls into blocks, g passes smoothly: between the nodes, or altogether.
-
-    Args:
-        matrices: M (SHEET_NODES, n, n) at the nodes of the panel.
-    """
-    signs, logarithms = np.linalg.slogdet(append_border(matrices, border))  # (SHEET_NODES,) each
-    if not signs.all():
-        return True
-    determinants = signs * np.exp(logarithms - logarithms.max())  # over the largest
-    return len(real_roots(coefficients(determinants[:, None])[:, 0])) > 0
 
 
 # ------------------------------------------------------------------ extrema near zero

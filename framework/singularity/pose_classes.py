@@ -133,9 +133,14 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     gained = max(space.freedoms - robot.n, 0)
 
     kinds = set(space.kinds)
-    legs = _motors_moving_at_rest(robot, locked_motions[:, : robot.n_a], gained)
-    if legs is not None:
+    legs: Names = ()  # the motors that move while the platform rests
+    motor_rates = locked_motions[:, : robot.n_a]
+    # as many independent motions of the motors as the loops gain freedoms are not of Type 1
+    if np.linalg.matrix_rank(motor_rates, tol=RANK_LOST) > gained:
         kinds.add("type_1")
+        # null vectors are less accurate than singular values, hence the higher level
+        moves = np.linalg.norm(motor_rates, axis=0) > RANK_LOST**0.5  # (n_a,)
+        legs = tuple(np.array(robot.actuator_names)[moves].tolist())
     if space.corank and _is_singular_everywhere(robot, linearised.q[0]):
         kinds.add("architectural")
 
@@ -160,7 +165,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     motor_norm, motor_largest = distances.worst_torques(robot.gear_ratio)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in kinds),
-        legs=legs or (),
+        legs=legs,
         twists=twists,
         corank=space.corank,
         corank_inverse=len(locked_motions),
@@ -176,21 +181,6 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         motor_torque_norm=float(motor_norm[0]),
         motor_torque_largest=float(motor_largest[0]),
     )
-
-
-def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> Names | None:
-    """Return the motors that move while the platform rests; None unless the pose is of Type 1.
-
-    Args:
-        rates: (k, n_a) rates of the motors in k unit motions with the platform locked.
-        gained: number of freedoms that the loops gain at this pose. So many independent motions of the
-            motors are not of Type 1.
-    """
-    if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
-        return None
-    # null vectors are less accurate than singular values, hence the higher level
-    moves = np.linalg.norm(rates, axis=0) > RANK_LOST**0.5  # (n_a,)
-    return tuple(np.array(robot.actuator_names)[moves].tolist())
 
 
 def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:

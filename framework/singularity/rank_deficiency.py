@@ -154,9 +154,12 @@ def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: lis
 
     `resolved` are the panels of g along the whole path, `known` its contacts.
     """
-    least_values = [least_singular_values(panel.matrices) for panel in resolved]  # (SHEET_NODES,) each
-    # no near miss above this share of the largest; with power 2 singular values are squares
-    level = NEAR_MISS**measured.power * np.max(least_values)
+    share = NEAR_MISS**measured.power  # with power 2 singular values are squares
+    # |g| is at least the least singular value, as 1 / g = -c' M^-1 b, and at most the sum of |coefficients|
+    level = share * max(
+        (np.abs(p.series).sum() if p.border.b.shape[1] == 1 else least_singular_values(p.matrices).max())
+        for p in resolved
+    )
     candidates = [
         _miss_at_end(measured, resolved[0], known, level, 0.0),
         _miss_at_end(measured, resolved[-1], known, level, 1.0),
@@ -169,7 +172,9 @@ def find_near_misses(measured: MeasuredMatrix, resolved: list[Panel], known: lis
     for miss in candidates:
         if miss is not None and _is_apart(miss.s, misses, DISTINCT_EXTREMA):
             misses.append(miss)
-    return sorted(misses, key=lambda miss: miss.s)
+    if misses:
+        level = share * max(least_singular_values(panel.matrices).max() for panel in resolved)
+    return sorted((miss for miss in misses if abs(miss.g) < level), key=lambda miss: miss.s)
 
 
 def _miss_at_extremum(

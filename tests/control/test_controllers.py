@@ -93,10 +93,12 @@ def test_the_lqr_takes_wrenches_on_axes_of_a_tool_for_what_turns_with_it():
     rows = [[0.0, *6 * [0.0]], [0.5, 2.0, -1.0, 0.0, 0.0, 0.0, 0.02], [1.0, *6 * [0.0]]]
     wrenches = {"left_tip": {"wrench": rows, "axes": "tool"}}
     ref = reference_of(plan_scene(robot, "C", wrenches=wrenches), period=PERIOD)
+    s, poses = np.asarray(ref.law(ref.times)), ref.motion.linearised.frames
+    planned = ref.wrenches.evaluate_on_base_axes(robot, poses, s)
     A = linearise_plan(ref).A[:, robot.n :, : robot.n]
     turning, still = (
         forward_derivatives(
-            *(robot, ref.motion.q, ref.motion.v, ref.torque), wrenches=ref.planned_wrenches, turning=frames
+            *(robot, ref.motion.q, ref.motion.v, ref.torque), wrenches=planned, turning=frames
         ).acceleration_y
         for frames in (["left_tip"], [])
     )

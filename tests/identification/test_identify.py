@@ -371,10 +371,9 @@ def test_the_option_that_a_refusal_names_is_taken(tmp_path, capsys):
     assert main(["identify", "five_bar_heavy", str(file), "--unit", "time=ms"]) == 0
 
 
-@pytest.mark.parametrize("name", ["slider_crank", "four_bar"])
-def test_what_one_stroke_shows_of_sums_is_not_lost(name):
+def test_what_one_stroke_shows_of_sums_is_not_lost():
     """No parameter of a four-bar is determined alone, but their sums predict the torques to the noise."""
-    nominal = robots.load(name)
+    nominal = robots.load("four_bar")
     true, _ = true_robot(nominal)
     data = record(true, exact_motors(true, "stroke"), 1)
     found = identify(nominal, data)

@@ -9,18 +9,20 @@ from framework.identification.measured_motion import SplineErrors
 from framework.identification.torque_rows import TorqueRows
 
 
-def test_a_noisy_acceleration_attenuates_nothing_and_widens_the_interval():
+@pytest.mark.parametrize("of_torque", [0.6, 0.05])
+def test_a_noisy_acceleration_attenuates_nothing_and_widens_the_interval(of_torque):
     """One inertia b, torques b a + e and accelerations a + u: Fuller (1987), section 1.3, known variances.
 
     Each of G accelerations with one error u holds for four torques, whose mean has the error e. With
     v = e - b u the variance of b is (1 + G var(e) var(u) / (var(v) sum a^2)) var(v) / sum a^2. Ordinary least
-    squares would find b / (1 + G var(u) / sum a^2).
+    squares would find b / (1 + G var(u) / sum a^2). If e is far smaller than b u, the torques show more of u
+    than of b: taken for noise, this would leave b = 0.
     """
     G, inertia, noise = 400, 1.3, 0.6
     random = np.random.default_rng(3)
     exact = np.sqrt(2.0) * np.sin(0.2 * np.arange(G))
     u = noise * random.standard_normal(G)
-    e = 2.0 * noise * random.standard_normal(4 * G)
+    e = 2.0 * of_torque * random.standard_normal(4 * G)
     rows = TorqueRows(
         times=0.01 * np.arange(4 * G),
         matrix=np.repeat(exact + u, 4)[:, None, None],
@@ -33,8 +35,8 @@ def test_a_noisy_acceleration_attenuates_nothing_and_widens_the_interval():
     )
     found = estimate(rows, np.array([[10.0]]), np.zeros(1), {})
     squares = exact @ exact
-    of_v = noise**2 * (1.0 + inertia**2)
-    deviation = np.sqrt(of_v / squares * (1.0 + G * noise**4 / of_v / squares))
+    of_v = of_torque**2 + (inertia * noise) ** 2
+    deviation = np.sqrt(of_v / squares * (1.0 + G * (of_torque * noise) ** 2 / of_v / squares))
     assert 10.0 * abs(found.spread[0, 0]) == pytest.approx(deviation, rel=0.05)
     attenuated = inertia / (1.0 + G * noise**2 / squares)
     assert abs(10.0 * found.values[0] - inertia) < 2.0 * deviation

@@ -122,7 +122,13 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         unread = "; ".join(unread_effects(tree)[:2])
         reason = f"; not read: {unread}" if unread else ": --close FRAME FRAME KIND closes one"
         raise RobotFileError(f"there is no loop in it{reason}")
-    _check_closures(tree.closures)
+    if len(tree.closures) > MAX_LOOPS:
+        raise RobotFileError(f"{len(tree.closures)} loops; at most {MAX_LOOPS} are read")
+    check_unique("closures", [closure.name for closure in tree.closures])
+    for closure in tree.closures:
+        first, second = closure.frames
+        if first == second:
+            raise RobotFileError(f"closure {closure.name!r}: joins {first!r} with itself; needs two frames")
 
     # lock joints; then only loops in which a joint still moves count
     if options.base is not None:
@@ -131,7 +137,15 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     tree.fix_coupled_joints()
     loops = [closure for closure in tree.closures if _is_moving(tree, closure.frames)]
     if not loops and not tree.couplings:
-        raise _no_loop_error(options, tree.closures)
+        if options.base is not None:
+            raise RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
+        if not tree.closures or options.locked:
+            raise RobotFileError("--lock: no loop moves any more")
+        first, second = tree.closures[0].frames
+        where = f"closure {tree.closures[0].name!r}"
+        raise RobotFileError(
+            f"{where}: no joint moves between {first!r} and {second!r}, so it closes no loop"
+        )
 
     # URDF and platform are stand-ins until options or proposals have completed the robot
     actuators = attach_transmissions(tree)  # adds to the dynamics of joints
@@ -141,8 +155,11 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
             raise RobotFileError(
                 f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
             )
+    names = [tree.name, file.stem, *(folder.name for folder in file.absolute().parents[:2])]
+    telling = (name for name in names if name.lower() not in _GENERIC_NAMES)
+    file_names = (re.sub(r"[^\w-]", "_", name) for name in telling)
     description = RobotDescription(
-        name=_choose_name(tree.name, file),
+        name=next((name for name in file_names if name.strip("_")), file.stem),
         file=file,
         urdf_text="",
         platform=Platform(tree.base),
@@ -224,39 +241,6 @@ def _is_moving(tree: UrdfTree, frames: tuple[str, str]) -> bool:
     """Return whether a joint moves between two frames."""
     first, second = frames
     return any(tree.moving_chains(tree.link_of(first), tree.link_of(second)))
-
-
-def _check_closures(closures: Sequence[Closure]) -> None:
-    """Refuse too many closures, repeated names, and closures of a frame with itself."""
-    if len(closures) > MAX_LOOPS:
-        raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
-    check_unique("closures", [closure.name for closure in closures])
-    for closure in closures:
-        first, second = closure.frames
-        if first == second:
-            raise RobotFileError(f"closure {closure.name!r}: joins {first!r} with itself; needs two frames")
-
-
-def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileError:
-    """Return the error for a file in which none of the `closures` moves."""
-    if options.base is not None:
-        return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
-    if not closures or options.locked:
-        return RobotFileError("--lock: no loop moves any more")
-    first, second = closures[0].frames
-    return RobotFileError(
-        f"closure {closures[0].name!r}: no joint moves between {first!r} and {second!r}, so it closes no loop"
-    )
-
-
-def _choose_name(of_model: str, file: Path) -> str:
-    """Choose the name of the robot: that of the model, the file or a folder, unless generic."""
-    folders = file.absolute().parents[:2]
-    for name in (of_model, file.stem, *(folder.name for folder in folders)):
-        file_name = re.sub(r"[^\w-]", "_", name)
-        if name.lower() not in _GENERIC_NAMES and file_name.strip("_"):
-            return file_name
-    return file.stem
 
 
 # ------------------------------------------------------------------ joints that move

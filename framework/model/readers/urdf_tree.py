@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
@@ -97,7 +97,10 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
     for element in list(root):
         tag = local_name(element.tag)
         if tag in valid:
-            unused.update(_unused_parts(element, tag))
+            if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
+                unused[f"<{tag}>"] += 1
+            read = _READ_CHILDREN.get(tag)
+            unused.update(f"<{child.tag}>" for child in element if read and child.tag not in read)
         elif "}" not in element.tag and nearest(tag, valid):  # in no namespace, so probably misspelled
             raise RobotFileError(choose_from("element", tag, valid))
         else:
@@ -206,15 +209,6 @@ def _is_xacro(element: Element) -> bool:
 def _is_xacro_definition(element: Element) -> bool:
     """Return whether an element defines what xacro expands elsewhere."""
     return _is_xacro(element) and local_name(element.tag) in ("property", "arg", "macro")
-
-
-def _unused_parts(element: Element, tag: str) -> Iterator[str]:
-    """Yield the tags that are not read: of an element with this local `tag`, and of its children."""
-    if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
-        yield f"<{tag}>"
-    for child in element if tag in _READ_CHILDREN else ():
-        if child.tag not in _READ_CHILDREN[tag]:
-            yield f"<{child.tag}>"
 
 
 def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
