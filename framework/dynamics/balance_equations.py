@@ -41,6 +41,9 @@ from framework.numerics.splines import BandedFactor, banded_rows, column_sizes
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE, WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
+# of a loose balance, the misfit at least; what free vibrations may change it by, over WEAK_COLUMN: on cells
+# that just represent them, regularization instead of rest would choose amplitudes
+LOOSE_MISFIT, LOOSE_VIBRATION = 1e-10, 10.0
 
 
 class BalanceState(NamedTuple):
@@ -89,9 +92,10 @@ class LinearBalance:
     eliminated: Array  # (C, k) N_series^-1 N_series,scalars
     core: Array  # (k, k) Schur complement of the scalars in N
     rest: Array  # (rows, C + k) R, derivatives of the terms that vanish at rest
+    vibration: float  # what unit directions may change the balance by, to count as vibrations
 
     @staticmethod
-    def factorise(by_series: Any, by_scalars: Array, rest: Array) -> LinearBalance:
+    def factorise(by_series: Any, by_scalars: Array, rest: Array, vibration: float) -> LinearBalance:
         """Scale the columns, and factor the normal equations of balance.
 
         Columns of the series smaller than their median are scaled by the median, so that unknowns of little
@@ -101,6 +105,7 @@ class LinearBalance:
             by_series: sparse (T n_e, C) derivatives of F by the series; its entries are scaled in place.
             by_scalars: (T n_e, k) derivatives of F by the scalars of the law.
             rest: (rows, C + k) derivatives of the terms that vanish at rest.
+            vibration: as the field.
         """
         series_sizes = column_sizes(by_series)
         series_sizes = np.maximum(series_sizes, np.median(series_sizes))
@@ -114,11 +119,11 @@ class LinearBalance:
         eliminated = factor.solve(coupling)
         weak = WEAK_COLUMN**2 * np.eye(len(scalar_sizes))
         core = by_scalars.T @ by_scalars - coupling.T @ eliminated + weak
-        return LinearBalance(by_series, by_scalars, sizes, factor, eliminated, core, rest / sizes)
+        return LinearBalance(by_series, by_scalars, sizes, factor, eliminated, core, rest / sizes, vibration)
 
     @cached_property
     def vibrations(self) -> Array:
-        """Orthonormal directions V (C + k, m) that change the balance by at most WEAK_COLUMN.
+        """Orthonormal directions V (C + k, m) that change the balance by at most `vibration`.
 
         Inverse iteration on N, begun with R', finds the directions that also change the terms of rest.
         """
@@ -127,7 +132,7 @@ class LinearBalance:
         V = np.linalg.qr(V)[0]
         change = self._change_balance(V)
         squares, axes = np.linalg.eigh(change.T @ change)
-        return V @ axes[:, squares <= WEAK_COLUMN**2]
+        return V @ axes[:, squares <= self.vibration**2]
 
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with the same splines."""
@@ -177,11 +182,12 @@ class LinearBalance:
 class BalanceEquations:
     """The equations F = 0 of a path and a family of laws."""
 
-    def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
-        """Store path and laws, and the steps (k,) of differences in the scalars."""
+    def __init__(self, branch: Branch, family: Family, steps: Array, misfit: float = 0.0) -> None:
+        """Store path and laws, the steps (k,) of differences in the scalars, and the accepted misfit."""
         self.branch = branch
         self.family = family
         self.steps = steps
+        self.vibration = WEAK_COLUMN * (LOOSE_VIBRATION if misfit > LOOSE_MISFIT else 1.0)
         self.units = spring_units(branch.robot)
         self.stiffness = float((branch.robot.stiffness * self.units**2).max())  # equal for all springs
         # rates and accelerations of deflections cause forces only if springs carry inertia
@@ -240,7 +246,7 @@ class BalanceEquations:
 
     def linearise(self, state: BalanceState) -> LinearBalance:
         """Return the linear equations for steps from this state and from neighbouring states."""
-        return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state))
+        return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state), self.vibration)
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array]:
         """Compute derivatives of F = Y' load at a state, by the series and by the scalars.

@@ -29,10 +29,10 @@ from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 MAX_MISFIT_RATIO = 0.5  # predicted misfit after a step over that before; above, the cells limit the misfit
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; above, slopes are renewed
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
-SETTLED_MISFIT = 1e-13  # |F| over the largest load
 ROUNDING_MISFIT = 1e-12  # below, a misfit that no step lowers is due to rounding on its cells
 MISFIT_OF_CELLS = 0.1  # above, a misfit that stalls is not due to the cells
 MIN_GAIN = 4.0  # factor by which the misfit must fall for further cells
+LEAST_MISFIT = 4e-13  # |F| over the largest load of settled deflections; steps aim at a quarter of it
 FIRST_CELLS = 48  # of the splines of the deflections, on all panels together
 MAX_CELLS = 600
 MAX_STEPS = 12  # on the same cells
@@ -51,7 +51,12 @@ class BalanceSolution(NamedTuple):
 
 
 def solve_balance(
-    branch: Branch, family: Family, steps: Array, start: KnownDeflections | None = None
+    branch: Branch,
+    family: Family,
+    steps: Array,
+    start: KnownDeflections | None = None,
+    *,
+    misfit: float = LEAST_MISFIT,
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
@@ -61,6 +66,7 @@ def solve_balance(
         family: function that returns the law, as a `Clock`, of scalars c (k,); the search begins at c = 0.
         steps: (k,) half-widths of the central differences in the scalars.
         start: deflections from which the search begins, on the cells that they need.
+        misfit: |F| over the largest load at which deflections are accepted.
 
     Raises:
         NotConverged: no deflections in balance were found. If more cells do not help, the returned
@@ -68,7 +74,7 @@ def solve_balance(
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    equations = BalanceEquations(branch, family, steps)
+    equations = BalanceEquations(branch, family, steps, misfit)
     scalars = np.zeros(len(steps))
     if start is None:
         clock = family(scalars)
@@ -83,9 +89,9 @@ def solve_balance(
     else:
         splines, series = start.splines, start.series / equations.units
     first = equations.evaluate(splines, series, scalars)
-    state = _refine(equations, first, MIN_GAIN * SETTLED_MISFIT)
+    state = _refine(equations, first, misfit)
     if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
-        state = _refine(equations, _soften(equations, first, state.misfit), MIN_GAIN * SETTLED_MISFIT)
+        state = _refine(equations, _soften(equations, first, state.misfit), misfit)
     return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
 
 
@@ -111,16 +117,17 @@ def _refine(equations: BalanceEquations, state: BalanceState, misfit: float) -> 
         state: the first iterate, with its cells.
         misfit: |F| over the largest load at which the solution is accepted.
     """
-    state, is_solved = _gauss_newton(equations, state)
+    settled = misfit / MIN_GAIN
+    state, is_solved = _gauss_newton(equations, state, settled)
     while is_solved and state.misfit > misfit:
         # the cells above the geometric mean of the largest misfit and a settled one
-        splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * SETTLED_MISFIT))
+        splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * settled))
         if len(splines.cells) > MAX_CELLS:
             break
         series = splines.insert(state.splines, state.series)
         start = equations.evaluate(splines, series, state.scalars, stiffer=state.balance.stiffer)
         coarse_misfit = state.misfit
-        state, is_solved = _gauss_newton(equations, start)
+        state, is_solved = _gauss_newton(equations, start, settled)
         is_solved = is_solved and MIN_GAIN * state.misfit < coarse_misfit
     return state
 
@@ -188,7 +195,9 @@ def _no_balance(equations: BalanceEquations, stiffer_springs: str, residual: flo
     )
 
 
-def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[BalanceState, bool]:
+def _gauss_newton(
+    equations: BalanceEquations, state: BalanceState, settled: float
+) -> tuple[BalanceState, bool]:
     """Iterate until the misfit is rounding, or as small as the cells allow.
 
     The misfit is |F| over the largest load. Slopes of F and their factorisation, `linear`, are reused as long
@@ -197,14 +206,15 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[Bal
     Args:
         equations: the equations F = 0.
         state: the first iterate, with the splines of the solution.
+        settled: misfit at which the iteration ends, after a step at least: it lets springs rest at the ends.
 
     Returns:
         The last iterate; whether its misfit is as small as the cells allow.
     """
     linear = None
-    for _ in range(MAX_STEPS):
+    for step_count in range(MAX_STEPS):
         check_time()
-        if state.misfit <= SETTLED_MISFIT:
+        if step_count > 0 and state.misfit <= settled:
             return state, True
         are_fresh = linear is None  # whether the slopes are those at this iterate
         linear = linear or equations.linearise(state)
@@ -219,7 +229,7 @@ def _gauss_newton(equations: BalanceEquations, state: BalanceState) -> tuple[Bal
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
-            SETTLED_MISFIT,
+            settled,
         )
         if new is None or new.misfit > good_misfit:
             linear = None

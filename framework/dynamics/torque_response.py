@@ -39,10 +39,6 @@ from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.ordered_sums import factor_transposed, solve
 
-# of deflections from one balance to the next: cells that are kept at most, and uniform ones in place of more.
-# Too few cells do not represent the vibrations that hold springs at rest: these seem to move at the ends
-MAX_CELLS_KEPT, RENEWED_CELLS = 240, 192
-
 
 class TorqueResponse(NamedTuple):
     """Motor torques linearised about a motion in the coefficients y (n,) of the squared speed."""
@@ -102,18 +98,23 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
 def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: Array) -> KnownDeflections:
     """Return deflections in balance under another law, to first order.
 
-    Cells that were halved for one law would hold its vibrations under the next.
-
     Args:
         y: (n,) coefficients of the other law.
     """
-    state = solution.state
-    series = (state.series + response.series_slopes @ (y - response.y)) * solution.equations.units
-    splines = state.splines
-    if len(splines.cells) > MAX_CELLS_KEPT:
-        splines = DeflectionSplines.uniform(splines.panels, RENEWED_CELLS, continuity=splines.continuity)
-        series = splines.fit(state.splines.evaluate(series, splines.nodes.p))
-    return KnownDeflections(state.clock, splines, series)
+    series = solution.state.series + response.series_slopes @ (y - response.y)
+    return KnownDeflections(solution.state.clock, solution.state.splines, series * solution.equations.units)
+
+
+def renew_cells(deflections: KnownDeflections, factor: float) -> KnownDeflections:
+    """Return deflections on uniform cells, `factor` times as many.
+
+    Cells that were halved for one law would hold its vibrations under the next. Too few do not represent the
+    vibrations that hold springs at rest: these seem to move at the ends.
+    """
+    clock, former, series = deflections
+    count = int(factor * (len(former.cells) - 1))
+    splines = DeflectionSplines.uniform(former.panels, count, continuity=former.continuity)
+    return KnownDeflections(clock, splines, splines.fit(former.evaluate(series, splines.nodes.p)))
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:

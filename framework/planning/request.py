@@ -308,15 +308,6 @@ class Specification(ReadOnlyArrays):
     shares_freely: bool = False
     drives: DriveLimits | None = None
 
-    def scale_limits(self, share: float) -> Specification:
-        """Return the specification with its limits multiplied by `share`."""
-        return replace(
-            self,
-            torque_limit=self.torque_limit * share,
-            speed_limit=self.speed_limit * share,
-            drives=None if self.drives is None else self.drives.scale(share),
-        )
-
     @property
     def phi(self) -> Smoothstep:
         """The map from sigma to s, whose slope vanishes at ends at rest."""

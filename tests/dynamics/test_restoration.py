@@ -113,21 +113,24 @@ def test_polynomials_too_quick_for_passes_are_in_balance(name, scene, duration):
         assert np.abs(straining.T @ held).max(initial=0.0) <= 1e-9 * np.abs(torque).max()
 
 
-def test_steps_leave_the_least_of_what_must_rest_among_those_that_change_the_balance_as_little():
+@pytest.mark.parametrize(("weak", "vibration"), [(1e-12, 1e-6), (5e-6, 1e-5)])
+def test_steps_leave_the_least_of_what_must_rest_among_those_that_change_the_balance_as_little(
+    weak, vibration
+):
     """Of eight unknowns three hardly change F: along these R y + rest is at its least."""
     rng = np.random.default_rng(5)
-    by_series = csr_array(np.diag([1.0, 2.0, 1.0, 3.0, 1.0, 1e-12, 1e-12, 1e-12]))
+    by_series = csr_array(np.diag([1.0, 2.0, 1.0, 3.0, 1.0, weak, weak, weak]))
     by_scalars = np.zeros((8, 1))
     by_scalars[0] = 1.0
     rest = rng.standard_normal((2, 9))
-    linear = LinearBalance.factorise(by_series, by_scalars, rest.copy())
+    linear = LinearBalance.factorise(by_series, by_scalars, rest.copy(), vibration)
     assert linear.vibrations.shape == (9, 2)  # of the three and the redundant scalar, those that R sees
     F, at_rest = rng.standard_normal((8, 1)), rng.standard_normal((2, 1))
     F[5:] = 0.0
     y = linear._least_change(F, at_rest)
     remaining = linear.rest @ y + at_rest
     np.testing.assert_allclose(linear.vibrations.T @ linear.rest.T @ remaining, 0.0, atol=1e-8)
-    np.testing.assert_allclose(linear._change_balance(y) + F, 0.0, atol=1e-6)
+    np.testing.assert_allclose(linear._change_balance(y) + F, 0.0, atol=10.0 * vibration)
 
 
 def test_a_secant_step_to_a_crossing_leads_to_the_wrench_there_too():

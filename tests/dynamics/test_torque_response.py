@@ -13,6 +13,7 @@ from framework.model.description import JointDynamics
 from framework.planning import scenes
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
+from framework.planning.optimal.next_law import evaluate_in_balance, find_next_law
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
 from framework.planning.request import Request, specification_of
@@ -90,3 +91,32 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
         np.abs(np.sqrt(law.squared_speed(sigma))[:, None] * speed - motor_speed).max()
         <= 1e-7 * np.abs(motor_speed).max()
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "scene", "flexibility", "joints"), CASES[1:4:2])
+def test_loose_balances_give_certified_torques_and_steps_of_the_size_asked_for(
+    name, scene, flexibility, joints
+):
+    description = replace(robots.load(name).description, joints=joints)
+    robot = ParallelRobot.from_description(description, flexibility=flexibility)
+    path = scenes.scene_path(scenes.scene(robot, scene))
+    request = Request.of(robot, path, duration=1.5, law="optimal", smoothness=6)
+    searched = search_path(robot, path)
+    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    problem = problem_of(task)._replace(degree=24)
+    best = solve_problem(problem, share=0.3)
+    law, loose = find_law_in_balance(task, best.law, None, misfit=1e-8)
+    response = respond_to_law(loose)
+    same, settled = find_law_in_balance(task, law, loose.deflections)
+    planned = torques_of(task, same, settled.deflections)
+    torque, _slopes, _speed = response.evaluate_motors(XI)
+    assert np.abs(torque - planned).max() <= 1e-4 * np.abs(planned).max()
+
+    trust = 0.03
+    step = find_next_law(evaluate_in_balance(best, law, problem._replace(response=response)), trust, 1.0)
+    sigma = law.stretch.inverse(XI)
+    change = step.law.squared_speed(sigma) / law.squared_speed(sigma) - 1.0
+    assert np.abs(change).max() == pytest.approx(trust, rel=1e-2)
+    before, after = (np.abs(response.rest(y)).max(initial=0.0) for y in (response.y, step.law.coefficients))
+    assert after <= max(0.3 * before, 0.5e-3) * (1 + 1e-5)

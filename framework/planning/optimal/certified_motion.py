@@ -7,15 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.drive_limits import curve_ratios
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.laws.optimal_law import OptimalLaw
 from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.request import motor_peaks, share_within
-from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 ENERGY_SAMPLES = 2001  # instants, for the integral of squared torques by the trapezoidal rule
 
@@ -48,24 +45,6 @@ class OptimalMotion(NamedTuple):
             return f"peak torque {peaks.max():.4g} {unit}"
         cost = f"{self.cost(goal):.4g} s"
         return cost if goal == "time" else f"energy {cost}"
-
-    @property
-    def has_predicted_peak(self) -> bool:
-        """Whether the motion has the peaks that the cone program of the law has, within a tolerance.
-
-        Compared are the peak torque and, of each motor whose torque-speed curve the program nearly reaches,
-        the largest share of the curve.
-        """
-        if abs(self.cost("peak_torque") / self.best.peak - 1.0) >= PEAK_TORQUE_MISMATCH:
-            return False
-        program, y = self.best.program, self.best.speed.y
-        drives = program.problem.specification.drives
-        if drives is None:  # no motor has a torque-speed curve
-            return True
-        in_motion = curve_ratios(self.dynamics, drives)[drives.has_curve]  # one each, 1 on the curve
-        in_program = np.array([curve(y).max() for curve in program.rows.curve])
-        is_off = np.abs(in_motion - in_program) >= PEAK_TORQUE_MISMATCH
-        return not (is_off & (in_program > NEARLY_REACHED)).any()
 
 
 def certify_motion(

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
-from framework.dynamics.restoration import BalanceSolution, solve_balance
+from framework.dynamics.restoration import LEAST_MISFIT, BalanceSolution, solve_balance
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.optimal_law import OnParameter, OptimalLaw
@@ -41,6 +41,8 @@ def find_law_in_balance(
     law: OptimalLaw,
     previous: KnownDeflections | None,
     places: Sequence[float] | None = None,
+    *,
+    misfit: float = LEAST_MISFIT,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
@@ -48,6 +50,7 @@ def find_law_in_balance(
         law: the law near which the result is sought.
         previous: deflections of a similar law, from which the search begins.
         places: s of the required times and speeds; by default the crossing points.
+        misfit: of the balance, at which deflections are accepted.
 
     Raises:
         NotConverged: there is no such law near the given one.
@@ -81,6 +84,7 @@ def find_law_in_balance(
         shift_conditions,
         SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
         previous,
+        misfit=misfit,
     )
     return shift_conditions(balance.scalars).law, balance
 

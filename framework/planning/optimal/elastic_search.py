@@ -6,23 +6,23 @@ An elastic robot cannot follow every law. A law is replaced by the nearest serie
 The first law is a smooth one of the undeformed robot. Several are tried in turn, each smoother than the last
 one, until deflections are resolved and springs are at rest at both ends. About a motion in balance, torques
 and the motion of springs at the ends are linear in the law to first order (`torque_response`). Quadratic
-programs with these rows give the next law (`next_law`), as long as the certified motion gains by it.
+programs with these rows give the next law (`next_law`), as long as the motion gains by it. A motion that is
+allowed by its response is certified.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.loaded_balance import springs_carry_inertia
-from framework.dynamics.restoration import BalanceSolution
+from framework.dynamics.restoration import LEAST_MISFIT, BalanceSolution
 from framework.dynamics.static_fold import find_static_fold
-from framework.dynamics.torque_response import TorqueResponse, foresee_deflections, respond_to_law
+from framework.dynamics.torque_response import foresee_deflections, renew_cells, respond_to_law
 from framework.errors import (
     NoAnswer,
     NoLaw,
@@ -33,20 +33,22 @@ from framework.errors import (
     format_distinct,
     round_up,
 )
-from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
-from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
+from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_balance import find_law_in_balance, measure_rest
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, cost_of, find_least_cost
 from framework.planning.optimal.least_softening import find_least_softening
-from framework.planning.optimal.next_law import find_next_law
+from framework.planning.optimal.next_law import evaluate_in_balance, find_next_law
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import (
+    adapt_found_law,
     problem_of,
     require_law,
+    rms_ratio,
     settle_tangents,
     solve_problem,
     suggest_time,
@@ -67,13 +69,17 @@ from framework.tolerances import (
 
 SERIES_DEGREE = 40  # of z as one series
 MAX_STEPS = 12  # from one start
+# of deflections in balance inside the search: the first, and others; those of a certificate are settled
+COARSE_MISFIT, LOOSE_MISFIT = 1e-6, 1e-8
+CELLS_OF_VIBRATIONS = 2.0  # over those of the first deflections, which are too few for vibrations
 MAX_PLACE_STEPS = 8  # of moving required times and speeds to where the deflected robot is singular
-# share of z by which a law may differ from that about which torques are linear: at first, where springs
-# move at the ends, and the least; factor after a failure
-FIRST_TRUST, CORRECTION_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.1, 0.05, 0.4
+# share of z by which a law may differ from that about which torques are linear: at first, and the least;
+# factor after a failure
+FIRST_TRUST, LEAST_TRUST, TRUST_LOSS = 0.5, 0.05, 0.4
+CORRECTION_TRUST = 0.03  # to correct a motion that is not allowed; vibrations turn by half a radian
 MAX_FOLLOWED_REST = 50.0  # motion of springs at the ends (`measure_rest`) above which a law is given up
 EXCESS_PENALTY, REST_PENALTY = 3.0, 0.02  # of the logarithm of the cost
-MAX_DETOURS = 2  # steps on from motions that are worse than the best
+MAX_DETOURS = 2  # steps to motions that are worse than those before
 # relative gap of a cost to the least, and gain of a step, above which a better law is sought
 WORTHWHILE_GAP, WORTHWHILE_GAIN = 1.5e-2, 5e-3
 CAP_REACHED = 0.98  # largest squared speed of a first law over its cap, from which the cap may raise the cost
@@ -111,36 +117,35 @@ FREE = (Start(SMOOTHNESS_COST), CAPPED[0], Start(1e-2, 12.0), *SERIES, *SPLINES)
 QUICK = (Start(2e-2), *FREE[1:])
 
 
-@dataclass(frozen=True)
-class Iterate:
-    """A certified motion and its balance.
+class Iterate(NamedTuple):
+    """A law, and how far its motion is within what is allowed.
 
-    balance: deflections in balance; None with geometry rigid, where `resolve` finds the deflections.
-    excess: the largest ratio of a torque or speed to its limit.
-    rest: the largest motion of a spring at an end (`measure_rest`).
+    best: the law; with a balance, its program has torques linear in the law.
+    excess: the largest ratio of a torque or speed to its limit; by these torques without a certified motion.
+    rest: likewise, the largest motion of a spring at an end (`measure_rest`).
+    motion: the certified motion, if there is one.
+    balance: deflections nearly in balance.
+    places: s of the required times and speeds; None for the crossing points.
     """
 
-    motion: OptimalMotion
-    balance: BalanceSolution | None
+    best: Best
     excess: float
     rest: float
+    motion: OptimalMotion | None = None
+    balance: BalanceSolution | None = None
+    places: Sequence[float] | None = None
 
     @property
     def worst(self) -> float:
         """The excess or the motion at an end, whichever is larger; at most 1 is allowed."""
         return max(self.excess, self.rest)
 
-    def merit(self, goal: str) -> float:
-        """Return the logarithm of the cost by a goal, and penalties of what is not allowed."""
+    @property
+    def merit(self) -> float:
+        """The logarithm of the cost, and penalties of what is not allowed."""
         over = max(self.excess - 1.0, 0.0)
         unrest = max(self.rest - 1.0, 0.0)
-        return float(np.log(self.motion.cost(goal))) + EXCESS_PENALTY * over + REST_PENALTY * unrest
-
-    @cached_property
-    def response(self) -> TorqueResponse:
-        """Torques linear in the law about this motion."""
-        assert self.balance is not None
-        return respond_to_law(self.balance)
+        return float(np.log(self.best.cost)) + EXCESS_PENALTY * over + REST_PENALTY * unrest
 
 
 @dataclass(frozen=True)
@@ -156,6 +161,7 @@ class ElasticSearch:
     starts: Sequence[Start]
     sampled: SampledDemand | None
     first_law: Best | None
+    springs_vibrate: bool
 
     @staticmethod
     def of(task: Task) -> ElasticSearch:
@@ -163,7 +169,8 @@ class ElasticSearch:
         is_quickest = task.follows_balance and task.specification.goal == "time"
         starts: Sequence[Start] = QUICK if is_quickest else FREE
         is_damped = task.robot.is_damped and task.robot.elastic_inertia
-        if task.follows_balance and (is_damped or springs_carry_inertia(task.branch)):
+        springs_vibrate = task.follows_balance and (is_damped or springs_carry_inertia(task.branch))
+        if springs_vibrate:
             # redundant motors shake the springs between them, so that few quick laws leave these at rest
             starts = SMOOTH if is_quickest or task.robot.n_a > task.robot.n else CAPPED
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
@@ -174,7 +181,7 @@ class ElasticSearch:
         if task.specification.drives is not None and not task.robot.is_damped:
             result = settle_tangents(problem_of(task)._replace(sampled=sampled))
             first_law = result if isinstance(result, Best) else None
-        return ElasticSearch(task, starts, sampled, first_law)
+        return ElasticSearch(task, starts, sampled, first_law, springs_vibrate)
 
     def find_motion(self) -> OptimalMotion:
         """Return the best motion; raise NoLaw or NotConverged if there is none."""
@@ -221,7 +228,7 @@ class ElasticSearch:
             try:
                 for iterate in self._improve(law) if is_deformed else self._keep_limits(start, law):
                     least_excess = min(least_excess, iterate.excess)
-                    if iterate.worst <= 1.0:
+                    if iterate.worst <= 1.0 and iterate.motion is not None:
                         is_found = True
                         yield iterate.motion
             except FAILURES as reason:
@@ -254,18 +261,16 @@ class ElasticSearch:
 
     # ------------------------------------------------------------------ laws
 
-    def _find_first_law(self, start: Start, similar: Best | None, share: float = 1.0) -> Best:
+    def _find_first_law(self, start: Start, similar: Best | None) -> Best:
         """Find the law of the undeformed robot that a start asks for.
 
         Args:
-            similar: the law of another start, or of other limits.
-            share: of the limits that may be used.
+            similar: the law of another start.
 
         Raises:
             NoLaw, NotConverged: as `solve_problem`; explained only for starts that are open.
         """
-        is_explained = start.is_open and share == 1.0
-        problem = self._problem(share, None, is_explained=is_explained)._replace(degree=start.degree)
+        problem = self._problem(is_explained=start.is_open)._replace(degree=start.degree)
         about = similar or self.first_law  # about which drives are linearised
         if self.first_law is not None:
             problem = problem._replace(z0=self.first_law.law.squared_speed)
@@ -279,29 +284,8 @@ class ElasticSearch:
             problem = problem._replace(max_squared_speed=start.max_squared_speed / duration**2)
         return solve_problem(problem, share=start.share, similar=similar)
 
-    def _find_next_law(self, about: Iterate, trust: float, share: float) -> Best:
-        """Find the best law near a motion in balance, with torques linear in the law.
-
-        Args:
-            trust: share of z by which the law may differ.
-            share: of the limits that may be used.
-        """
-        best = about.motion.best
-        places = [crossing.s for crossing in about.motion.dynamics.crossings]
-        problem = self._problem(share, places, is_explained=False)
-        if problem.averages_open_duration:
-            problem = problem._replace(average_over=suggest_time(best))
-        degree = len(about.response.y) - 1
-        problem = problem._replace(response=about.response, degree=degree)
-        result = None
-        if about.rest > 1.0:  # nearby, if there is such a law
-            result = find_next_law(best, problem, min(trust, CORRECTION_TRUST))
-        if not isinstance(result, Best):
-            result = find_next_law(best, problem, trust)
-        return require_law(problem, result)
-
-    def _problem(self, share: float, places: Sequence[float] | None, *, is_explained: bool) -> LawProblem:
-        """Return the problem of the task within a share of its limits.
+    def _problem(self, places: Sequence[float] | None = None, *, is_explained: bool = False) -> LawProblem:
+        """Return the problem of the task.
 
         Args:
             places: s of the required times and speeds; by default the crossing points.
@@ -309,11 +293,7 @@ class ElasticSearch:
         """
         to_cross = self.task.to_cross
         to_cross = replace(to_cross, explained=to_cross.explained and is_explained)
-        specification = self.task.specification
-        if share < 1.0:
-            specification = specification.scale_limits(share)
-        task = self.task._replace(to_cross=to_cross, specification=specification)
-        return problem_of(task, places)._replace(sampled=self.sampled)
+        return problem_of(self.task._replace(to_cross=to_cross), places)._replace(sampled=self.sampled)
 
     # ------------------------------------------------------------------ motions
 
@@ -325,60 +305,56 @@ class ElasticSearch:
         """
         following = self.starts[self.starts.index(start) + 1 :]
         next_cost = following[0].share if following else np.inf  # share of the least
-        share = 1.0
         former = np.inf  # excess
         for _ in range(MAX_STEPS):
-            iterate = self._measure(certify_motion(self.task, law.law, law), None)
+            iterate = self._certify(law.law, law, None)
             if iterate.rest > 1.0:
                 raise self._refuse_rest(iterate.rest)
             yield iterate
             if iterate.excess <= 1.0 or np.sqrt(iterate.excess) - 1.0 > next_cost or iterate.excess >= former:
                 return
-            share *= (1.0 - LIMIT_TIGHTENING) / iterate.excess
             former = iterate.excess
-            law = self._find_first_law(start, law, share)
+            law = adapt_found_law(law, excess=former)
 
-    def _improve(self, law: Best) -> Iterator[Iterate]:
-        """Yield motions in balance: under the law nearest to a first one, and under better laws.
+    def _improve(self, first: Best) -> Iterator[Iterate]:
+        """Yield certified motions: under the law in balance nearest to a first one, and under better laws.
 
-        The best motion is that of least merit, or the last allowed one that costs less than those before.
-        Torques are linearised about the last motion, also if it is worse than the best: the next step may
-        correct it. After MAX_DETOURS such steps the search ends if any motion is allowed. Else, and after a
-        step without a motion, the next law is sought nearer to the best motion.
+        The best iterate is that of least merit, or the last allowed one that costs less than those before.
+        Torques are linearised about the last iterate, also if it is worse than the best: the next steps may
+        correct it. If they do not, the search ends if any motion is allowed. Else, and after a step without a
+        motion, the next law is sought nearer to the best iterate.
         """
-        goal = self.task.specification.goal
-        about = best = self._balance_law(law, None)
-        yield about
-        if best.worst <= 1.0 and best.motion.has_predicted_peak and _is_near_least(law):
-            return  # deflections change nothing
+        least_cost = np.inf  # of certified motions that are allowed
+        is_near_least = _is_near_least(first)
+        if is_near_least:
+            law, balance, _ = self._balance_law(first, None, LEAST_MISFIT)
+            certified = self._certify(law, first, balance.deflections)
+            assert certified.motion is not None
+            peak = certified.motion.cost("peak_torque")
+            if certified.worst <= 1.0:
+                yield certified
+                if abs(peak / first.peak - 1.0) < PEAK_TORQUE_MISMATCH:
+                    return  # deflections change nothing
+                least_cost = certified.motion.cost(self.task.specification.goal)
+        about = best = self._linearise_motion(first, None, 0.0 if is_near_least else np.inf)
+        new: Iterate | None = best
         trust = FIRST_TRUST
-        share = 1.0 - LIMIT_MARGIN  # what is left for torques that are not linear
-        detours = 0  # steps since the best motion
-        least_cost = best.motion.cost(goal) if best.worst <= 1.0 else np.inf  # of allowed motions
+        share = 1.0 - 2.0 * LIMIT_MARGIN  # of the limits; the rest is left for torques that are not linear
+        detours = 0  # steps that made it worse since the best iterate
         for _ in range(MAX_STEPS):
-            new = None
-            try:
-                law = self._find_next_law(about, trust, share)
-                if best.worst > 1.0 or law.cost < (1.0 - WORTHWHILE_GAIN) * best.motion.cost(goal):
-                    new = self._balance_law(law, about)
-                elif about is best:
-                    return
-            except FAILURES:
-                if least_cost == np.inf and TRUST_LOSS * trust < LEAST_TRUST:
-                    raise
-            # the linear torques are right, and limits are exceeded between points: half the margin is left
-            if new is not None and new.excess > 1.0 and new.motion.has_predicted_peak:
-                share *= (1.0 - 0.5 * LIMIT_MARGIN) / new.excess
-            is_least = new is not None and new.worst <= 1.0 and new.motion.cost(goal) < least_cost
-            if new is not None and (is_least or new.merit(goal) < best.merit(goal)):
+            is_least = new is not None and new.motion is not None and new.worst <= 1.0
+            if new is not None and new.motion is not None:
                 yield new
+                # limits may be exceeded between points: half the margin is left
+                share *= (1.0 - 0.5 * LIMIT_MARGIN) / max(new.excess, 0.5)
+                share = min(share, 1.0 - 2.0 * LIMIT_MARGIN)
+            if new is not None and (is_least or new.merit <= best.merit):
                 about = best = new
-                least_cost = new.motion.cost(goal) if is_least else least_cost
+                least_cost = new.best.cost if is_least else least_cost
                 detours = 0
-                trust = min(trust / TRUST_LOSS, FIRST_TRUST)
-            elif new is not None and detours < MAX_DETOURS:
+            elif new is not None and (new.merit < about.merit or detours < MAX_DETOURS):
+                detours += new.merit >= about.merit
                 about = new
-                detours += 1
             elif new is not None and least_cost < np.inf:
                 return
             else:
@@ -387,36 +363,95 @@ class ElasticSearch:
                 trust *= TRUST_LOSS
                 if trust < LEAST_TRUST:
                     break
+            new = None
+            try:
+                is_correction = self.springs_vibrate and about.worst > 1.0
+                found = find_next_law(about.best, CORRECTION_TRUST if is_correction else trust, share)
+                if is_correction and about is best and not isinstance(found, Best):  # none is nearby
+                    found = find_next_law(best.best, trust, share)
+                next_law = require_law(about.best.program.problem, found)
+                if next_law.cost < (1.0 - WORTHWHILE_GAIN) * least_cost:
+                    new = self._linearise_motion(next_law, about, least_cost)
+                elif about is best:
+                    return
+            except FAILURES:
+                if least_cost == np.inf and TRUST_LOSS * trust < LEAST_TRUST:
+                    raise
         if least_cost == np.inf and best.rest > 1.0:
             raise self._refuse_rest(best.rest)
 
-    def _balance_law(self, best: Best, about: Iterate | None) -> Iterate:
-        """Find the law in balance nearest to an optimum, and certify its motion.
+    def _linearise_motion(self, best: Best, about: Iterate | None, least_cost: float) -> Iterate:
+        """Find the law in balance nearest to an optimum, and linearise its torques.
 
-        Deflections shift the crossings along the path. If times or speeds are required, the law is found
-        again until it has them at the shifted crossings.
+        If the motion is allowed by its response, and costs less than `least_cost`, it is certified.
 
         Args:
             about: a similar motion, about which deflections are foreseen.
+        """
+        is_coarse = about is None and self.springs_vibrate
+        misfit = COARSE_MISFIT if is_coarse else LOOSE_MISFIT
+        law, balance, places = self._balance_law(best, about, misfit)
+        if is_coarse:
+            fine = renew_cells(balance.deflections, CELLS_OF_VIBRATIONS)
+            law, balance = find_law_in_balance(self.task, law, fine, places, misfit=LOOSE_MISFIT)
+        response = respond_to_law(balance)
+        problem = self._problem(places)
+        if problem.averages_open_duration:
+            problem = problem._replace(average_over=suggest_time(best))
+        problem = problem._replace(response=response, degree=len(response.y) - 1)
+        in_balance = evaluate_in_balance(best, law, problem)
+        rest = float(np.abs(response.rest(response.y)).max(initial=0.0)) / MAX_END_RATE
+        if rest > MAX_FOLLOWED_REST:
+            raise self._refuse_rest(rest)
+        rows, specification = in_balance.program.rows, problem.specification
+        y, x, duration = in_balance.speed.y, in_balance.speed.x, in_balance.speed.duration
+        excess = float(rows.largest_limit_ratio(y, x, specification.torque_limit).max())
+        if specification.drives is not None:
+            excess = max(excess, rms_ratio(in_balance, problem.stated_time or duration))
+        new = Iterate(in_balance, excess, rest, None, balance, places)
+        if new.worst > 1.0 or in_balance.cost >= least_cost:
+            return new
+        law, settled = find_law_in_balance(self.task, in_balance.law, balance.deflections, places)
+        certified = self._certify(law, in_balance, settled.deflections)
+        return certified._replace(balance=balance, places=places)
+
+    def _balance_law(
+        self, best: Best, about: Iterate | None, misfit: float
+    ) -> tuple[OptimalLaw, BalanceSolution, Sequence[float] | None]:
+        """Find the law in balance nearest to an optimum, its deflections, and the places it must meet.
+
+        Deflections shift the crossings along the path. If times or speeds are required, the law is found
+        again until it has them at the shifted crossings, which are those of a certified motion.
+
+        Args:
+            about: a similar motion, about which deflections are foreseen.
+            misfit: of the balance, at which deflections are accepted.
 
         Raises:
-            NotConverged: springs are not at rest at the ends, or times and speeds are not met.
+            NotConverged: times and speeds are not met.
         """
         law = best.law
         previous: KnownDeflections | None = None
-        places: list[float] | None = None
+        places: Sequence[float] | None = None
         if about is not None and about.balance is not None:
-            previous = foresee_deflections(about.balance, about.response, law.coefficients)
-            places = [crossing.s for crossing in about.motion.dynamics.crossings]
+            response = about.best.program.problem.response
+            assert response is not None
+            previous = foresee_deflections(about.balance, response, law.coefficients)
+            if self.springs_vibrate:
+                previous = renew_cells(previous, 1.0)
+            places = about.places
+        request = self.task.request
+        is_certified = request.times is not None or request.speeds is not None
         for _ in range(MAX_PLACE_STEPS):
-            law, balance = find_law_in_balance(self.task, law, previous, places)
+            law, balance = find_law_in_balance(
+                self.task, law, previous, places, misfit=LEAST_MISFIT if is_certified else misfit
+            )
+            if not is_certified:
+                return law, balance, places
             previous = balance.deflections
             motion = certify_motion(self.task, law, best, previous)
             if self._meets_requirements(motion):
-                iterate = self._measure(motion, balance)
-                if iterate.rest > MAX_FOLLOWED_REST:
-                    raise self._refuse_rest(iterate.rest)
-                return iterate
+                return law, balance, places
             places = [crossing.s for crossing in motion.dynamics.crossings]
         raise NotConverged(
             f"no law found has the required times and speeds where the deflected robot is singular, "
@@ -425,10 +460,11 @@ class ElasticSearch:
             residual=np.inf,
         )
 
-    def _measure(self, motion: OptimalMotion, balance: BalanceSolution | None) -> Iterate:
-        """Measure how far a motion is within limits, and at rest at the ends."""
+    def _certify(self, law: OptimalLaw, best: Best, known: KnownDeflections | None) -> Iterate:
+        """Certify the motion of a law, and measure how far it is within limits and at rest at the ends."""
+        motion = certify_motion(self.task, law, best, known)
         excess = limit_excess(motion.dynamics, self.task.specification)
-        return Iterate(motion, balance, excess, measure_rest(motion.dynamics, motion.law))
+        return Iterate(best, excess, measure_rest(motion.dynamics, law), motion)
 
     def _refuse_rest(self, rest: float) -> NotConverged:
         """Return the refusal of a motion whose springs are not at rest at the ends."""
@@ -480,7 +516,7 @@ class ElasticSearch:
             law: whose duration the laws take if none is required.
         """
         duration = self.task.specification.duration or law.law.duration
-        problem = self._problem(1.0, None, is_explained=False)._replace(degree=SERIES_DEGREE)
+        problem = self._problem()._replace(degree=SERIES_DEGREE)
         least = find_least_softening(problem, duration)
         if least is not None and least.rho > MAX_SOFTENING:
             raise NoLaw(

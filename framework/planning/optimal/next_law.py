@@ -17,6 +17,7 @@ from functools import reduce
 
 import numpy as np
 
+from framework.laws.optimal_law import OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import AffineRows, Unsolved
 from framework.numerics.sparse_rows import SparseRows
@@ -33,31 +34,46 @@ MAX_PROGRAMS, SETTLED_COST = 5, 1e-3  # about one motion; relative change of the
 TOLERANCE = 1e-7  # of a program
 
 
-def find_next_law(best: Best, problem: LawProblem, trust: float) -> Best | NoneFound:
+def evaluate_in_balance(best: Best, law: OptimalLaw, problem: LawProblem) -> Best:
+    """Compute the costs of a law in balance, with rows where its motion is near to limits.
+
+    Args:
+        best: the optimum to which the law is nearest, with the cells of its search.
+        problem: a problem with the response of the motion.
+    """
+    program = SpeedProgram.on_cells(problem, best.program.cells)
+    speed = program.evaluate_speed(law.coefficients)
+    near = find_exceeded_places(program, speed, Bounds(peak=(1.0 - 2.0 * LIMIT_MARGIN) * speed.peak))
+    if len(near):
+        program = program.extend(near)
+        speed = program.evaluate_speed(law.coefficients)
+    units = Units(speed.duration, 1.0 if problem.specification.limited else speed.peak)
+    return Best(law, best.search._replace(program=program, units=units), speed)
+
+
+def find_next_law(best: Best, trust: float, share: float) -> Best | NoneFound:
     """Find the law of least cost and roughness near a motion in balance.
 
     Each program models the cost and required durations about the law of the last one, and has rows where that
     law exceeds limits between the points.
 
     Args:
-        best: a similar law, with the cells and the longest duration of its search.
-        problem: a problem with the response of the motion.
-        trust: share of the motion's z by which the law may differ.
+        best: the law of the motion (`evaluate_in_balance`).
+        trust: share of z by which the law may differ.
+        share: of the limits that may be used.
     """
+    program, units, speed = best.program, best.search.units, best.speed
+    problem = program.problem
     assert problem.response is not None
-    specification = problem.specification
-    goal = specification.goal
-    program = SpeedProgram.on_cells(problem, best.program.cells)
-    speed = program.evaluate_speed(problem.response.y)
-    z_0 = program.positive_rows @ speed.y  # (m,) [1/s^2]
-    floor, cap = (1.0 - trust) * z_0, (1.0 + trust) * z_0
-    units = Units(speed.duration, 1.0 if specification.limited else speed.peak)
+    goal = problem.specification.goal
     is_required = np.isfinite(problem.stages)  # (m,)
-    longest = None if goal == "time" else specification.longest or best.search.duration_limit
+    longest = None if goal == "time" else problem.specification.longest or best.search.duration_limit
     stages = problem.bound_stages(longest)
     if stages is not None:  # required durations are tangents
         stages = np.where(is_required, np.inf, stages)
-    bounds = Bounds(stages if stages is not None and np.isfinite(stages).any() else None)
+    bounds = Bounds(stages if stages is not None and np.isfinite(stages).any() else None, share=share)
+    z_0 = program.positive_rows @ speed.y  # (m,) of the motion about which torques are linear
+    floor, cap = (1.0 - trust) * z_0, (1.0 + trust) * z_0
 
     def solve(about: Array, smoothness: float) -> Speed | Unsolved:
         """Solve the program with models of cost and required durations about y (n,)."""
@@ -68,8 +84,7 @@ def find_next_law(best: Best, problem: LawProblem, trust: float) -> Best | NoneF
             rows, bounds, units, floor=floor, cap=cap, about=tangents, tolerance=TOLERANCE, model=model
         )
 
-    # at first, rows where the motion itself is near to a limit or its peak
-    exceeded = find_exceeded_places(program, speed, Bounds(peak=(1.0 - 2.0 * LIMIT_MARGIN) * speed.peak))
+    exceeded = np.empty(0)
     weight = SMOOTHNESS_WEIGHT * (INERTIA_FACTOR if problem.response.holds_rest else 1.0)
     for _ in range(MAX_PROGRAMS):
         program = program.extend(exceeded) if len(exceeded) else program
@@ -87,7 +102,7 @@ def find_next_law(best: Best, problem: LawProblem, trust: float) -> Best | NoneF
     if isinstance(least, Unsolved) or cost_of(goal, least) > cost_of(goal, speed):
         least = speed
     least = least._replace(least_duration=least.duration)
-    search = best.search._replace(program=program, units=units, least=least)
+    search = best.search._replace(program=program, least=least)
     adjusted = search.adjust(speed, NEARLY_SETTLED) if is_required.any() else speed
     if adjusted is None:
         return NoneFound(program, "required durations are not met")

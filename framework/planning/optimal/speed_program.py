@@ -49,6 +49,7 @@ POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series
 RMS_TOLERANCE = 1e-6  # of programs with RMS limits, whose squared torques may lie anywhere below loose limits
 CURVATURE_GAP = 1e-5  # of the smoothest law where the solver stalls; it may be a little less smooth
 REST_SHARE = 0.5  # of what springs may move at the ends
+REST_LEFT = 0.3  # of what springs move there about the law where torques are linear, which may be left
 MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 INTERNAL_WEIGHT = 1e-1  # of the bends of internal torques in the cost of a smooth law
 NO_INTERNAL = np.empty(0)
@@ -343,7 +344,8 @@ class SpeedProgram:
         nonnegative += self._bound_integrals(bounds, units, rms_motors)
         if problem.response is not None and problem.response.holds_rest:
             rest = problem.response.rest
-            allowed = REST_SHARE * MAX_END_RATE
+            present = float(np.abs(rest(problem.response.y)).max())
+            allowed = max(REST_SHARE * MAX_END_RATE, REST_LEFT * present)
             matrix = SparseRows.of(rest.matrix / (allowed * scale))
             nonnegative += _bound_size(AffineRows({"y": matrix}, rest.offset / allowed), 1.0)
         if about is not None:

@@ -218,10 +218,10 @@ def suggest_time(best: Best) -> float:
     last law takes longer.
     """
     duration = best.speed.duration
-    return float((1.0 - 0.5 * DRIVE_SLACK) * duration * np.sqrt(_rms_ratio(best, duration)))
+    return float((1.0 - 0.5 * DRIVE_SLACK) * duration * np.sqrt(rms_ratio(best, duration)))
 
 
-def _rms_ratio(best: Best, time: float) -> float:
+def rms_ratio(best: Best, time: float) -> float:
     """Return the largest ratio of RMS torques over a time [s] to limits."""
     drives = best.program.problem.specification.drives
     assert drives is not None
@@ -246,7 +246,7 @@ def _drive_slack(problem: LawProblem, best: Best) -> float:
     slack = 0.0
     if problem.average_over is not None:
         missing = 1.0 - problem.average_over / best.speed.duration
-        is_reached = _rms_ratio(best, problem.average_over) > NEARLY_REACHED
+        is_reached = rms_ratio(best, problem.average_over) > NEARLY_REACHED
         slack = np.inf if missing < 0.0 and is_reached else 0.5 * missing * is_reached
     about_itself = _linearise(problem, best.law.squared_speed)
     rows = motor_rows(about_itself, program.basis, program.conditions, program.xi, program.frames)
