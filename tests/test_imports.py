@@ -67,7 +67,7 @@ QUESTIONS = {
     "framework.kinematics.assembly_search": {"can_close", "find_closed_pose"},
     "framework.kinematics.placements": None,
     "framework.kinematics.platform": {"FramePlatform"},
-    "framework.kinematics.continuation.tracking": {"assemble", "remark_on_reach"},
+    "framework.kinematics.continuation.tracking": {"assemble", "reach_of_links", "remark_on_reach"},
     "framework.kinematics.velocity_matrices": None,
     "framework.dynamics.result": None,
     "framework.singularity.type2": {"moves_point"},

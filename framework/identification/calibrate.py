@@ -41,7 +41,7 @@ from framework.identification.measured_motion import motor_distances
 from framework.identification.recording import HELD_OUT_EVERY, TOUCH, Recording
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from framework.kinematics.continuation.motor_curves import close_at_motors
-from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.continuation.tracking import assemble, reach_of_links
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -293,8 +293,12 @@ def _solve_at_platform(geometry: Geometry, measured: Measurements) -> Array | No
     """Solve the poses q (T, nq) of the measured platform; None out of reach, or where motors contradict."""
     robot, model = geometry.robot, geometry.model
     motors = measured.values[:, measured.columns_of("motors")]  # (T, n_a)
+    platform = measured.values[:, measured.columns_of("platform")]  # (T, n)
+    distances = np.linalg.norm(platform[:, robot.platform.sliding], axis=1)  # (T,) [m] from the base
+    if distances.max() > reach_of_links(robot):
+        return None
     robot_q = []
-    for x, q_a in zip(measured.values[:, measured.columns_of("platform")], motors, strict=True):
+    for x, q_a in zip(platform, motors, strict=True):
         try:
             robot_q.append(assemble(robot, x).q)
         except (NoAnswer, InvalidInput):

@@ -296,14 +296,11 @@ def _branch_end_error(
     ).adding(remark_on_reach(robot, path(1.0)[robot.platform.sliding]))
 
 
-def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
-    """Return a clause on a platform out of reach of the links; empty if within reach.
+def reach_of_links(robot: ParallelRobot) -> float:
+    """Return the farthest place [m] of the platform's origin from the base that its links allow.
 
-    The reach is the summed length of the links from base to platform, slides at the far end of their range,
-    springs at rest. A slide without limits, such as those of a floating joint, makes it practically infinite.
-
-    Args:
-        position: prescribed translations of the platform's origin [m].
+    It is their summed length from base to platform, slides at the far end of their range, springs at rest. A
+    slide without limits, such as those of a floating joint, makes it practically infinite.
     """
     model = robot.model
     frame = model.frames[robot.frames[0]]  # the platform's frame
@@ -314,6 +311,12 @@ def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
         if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
             ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             reach += float(np.abs(ends).max())
+    return reach
+
+
+def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
+    """Return a clause on a platform beyond the reach of the links at a position [m]; else an empty one."""
+    reach = reach_of_links(robot)
     distance = np.linalg.norm(position)
     if distance <= reach:
         return ""

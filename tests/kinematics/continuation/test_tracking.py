@@ -1,11 +1,12 @@
 """Following a path: the branch of a closed form, whichever way and in whatever steps it is followed."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import robots
 from framework import Arc, InvalidInput, Line, NoAnswer, assemble, track_path
-from framework.kinematics.continuation.tracking import follow_path
+from framework.kinematics.continuation.tracking import follow_path, reach_of_links
 from framework.kinematics.linearised_loops import count_lost_ranks, linearised_at
 from tests.kinematics.continuation.small_steps import PLACES, draw_path, ends_at_singularity, is_followed
 from tests.oracles.closure_rows import closure_errors
@@ -123,3 +124,20 @@ def test_a_rank_is_lost_by_the_share_of_the_largest_singular_value():
     assert values[0] > 1.1
     for level, count in ((0.999 * values[-1] / values[0], 0), (1.001 * values[-1] / values[0], 1)):
         assert count_lost_ranks(robot, at, level)[0] == count
+
+
+@pytest.mark.parametrize("name", ["five_bar", "slider_crank", "delta", "orthoglide", "gough_stewart"])
+def test_no_joint_positions_within_the_slides_ranges_lead_beyond_the_links(name):
+    robot = robots.load(name)
+    model, data = robot.model, robot.model.createData()
+    rng = np.random.default_rng(4)
+    reach = reach_of_links(robot)
+    frame = robot.frames[0]
+    for step in 3.0 * rng.standard_normal((50, model.nv)):
+        q = pin.integrate(model, pin.neutral(model), step)
+        for k in range(1, model.njoints):  # slides at an end of their range
+            joint = model.joints[k]
+            if joint.nv == 1 and robot.sliding[joint.idx_v]:
+                q[joint.idx_q] = rng.choice([model.lowerPositionLimit, model.upperPositionLimit])[joint.idx_q]
+        pin.framesForwardKinematics(model, data, q)
+        assert np.linalg.norm(data.oMf[frame].translation) <= reach
