@@ -337,12 +337,11 @@ class SmoothSearch(NamedTuple):
                 excess_left = np.maximum(over, under)
                 if np.isfinite(step.duration) and (bounded or np.all((excess_left <= allowed)[required])):
                     is_gain = self._is_gain(goal, step, law)
-                    is_nearer = self._mismatch(step) < 0.5 * self._mismatch(law)
                     law = step
                     excess = excess_left
                     slack *= SLACK_LEFT if np.all(targets[required] == stages[required]) else 1.0
                     is_near = self._mismatch(law) <= (2.0 * BLENDED_DURATION if bounded else SAME_DURATION)
-                    if not is_gain and (is_near or not is_nearer):
+                    if is_near and not is_gain:
                         break
                     continue
                 overshoot = step if np.isfinite(step.duration) else None
