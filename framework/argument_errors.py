@@ -94,7 +94,7 @@ def _fits(value: Any, wanted: ast.expr, function: Callable[..., Any]) -> bool:
             dimensions = {"ArrayLike": range(9), "Array": range(1, 9), "float": range(1)}
             return _is_finite(value) and np.ndim(value) in dimensions[kind]
         case ast.Name(id="IntArray"):
-            return _is_finite(value) and np.asarray(value).dtype.kind in "biu"
+            return _is_finite(value) and (np.size(value) == 0 or np.asarray(value).dtype.kind in "biu")
         case ast.Subscript(value=ast.Name(id="Sequence" | "tuple" | "Iterable"), slice=item):
             if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
                 return False

@@ -177,7 +177,7 @@ def _describe_axes(diagnosis: Diagnosis) -> str:
         return "square"
     axes, motors = diagnosis.platform_axes, diagnosis.actuators
     freedoms = diagnosis.mobility - len(diagnosis.idle_joints)
-    if len(axes) == freedoms <= len(motors):
+    if len(axes) == freedoms == len(motors):
         return f"square, but the axes {', '.join(axes)} do not tell the {freedoms} degrees of freedom apart"
     counts = f"{len(axes)} platform axes and {len(motors)} actuators for {freedoms} degrees of freedom"
     return f"not square: {counts}"

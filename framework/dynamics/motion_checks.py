@@ -65,7 +65,8 @@ def measure_residuals(
     """Return the result with the largest loop gap and residual torque, and the forces missing for balance.
 
     The forces are those between the nodes, at the poses of the series as they are: Newton's method closes the
-    loops at the nodes alone. The largest gap compares the numbers of all loop equations, in m or rad.
+    loops at the nodes alone. With springs at rest under rigid geometry, loops are closed there, too. The
+    largest gap compares the numbers of all loop equations, in m or rad.
 
     Raises:
         NotAssembled: a loop equation that was left out opens.

@@ -210,7 +210,7 @@ def _bracket_capacity(task: _Multiples) -> Capacity:
         peak = task.find_least_peak(multiple)
         peaks.append((multiple, peak))
         limit = _find_limit(peaks)
-        if limit is None and peak == 0.0:
+        if limit is None and not 0.0 < peak < 1.0 - LIMIT_MARGIN:
             multiple = 1.0
             break
         limit = 2.0 * multiple if limit is None else limit

@@ -8,7 +8,7 @@ law is s = t / T.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import factorial
@@ -52,12 +52,31 @@ def restart_plan(
     """Plan on from an instant t [s] of a plan, as `CrossingPlan.restart`."""
     _check_instant(plan, t)
     robot = plan.robot
-    orders = SMOOTHNESS[robot.n_e > 0]
+    orders = [SMOOTHNESS[robot.n_e > 0]]
     if robot.n_e and plan.geometry == "deformed" and springs_carry_inertia(track_path(robot, plan.path)):
-        # such springs follow all derivatives of x: beside a crossing torques by 1e-7 those above order 8
-        orders = highest_order(plan.path)
+        # such springs follow all derivatives of x: eight leave 1e-7 of the torques beside a crossing alone
+        most = highest_order(plan.path)
         if path is not None and not isinstance(path, Sequence | np.ndarray):
-            orders = min(orders, highest_order(path))
+            most = min(most, highest_order(path))
+        orders = sorted({min(8, most), most})
+    for order in orders:
+        restarted = _plan_on(plan, t, path, order, options)
+        jump = _find_jump(plan, t, restarted)
+        if jump is None:
+            return restarted
+    assert jump is not None  # from a loop that was entered
+    raise jump
+
+
+def _plan_on(
+    plan: CrossingPlan,
+    t: float,
+    path: Path | Array | Sequence[float] | None,
+    orders: int,
+    options: Mapping[str, Any],
+) -> CrossingPlan:
+    """Plan on from an instant t [s] with so many `orders` of derivatives of the plan's motion."""
+    robot = plan.robot
     s_rates = law_derivatives(plan.law, np.array(float(t)), orders + 1)
     by_s = [plan.path(s_rates[0], k) for k in range(orders + 1)]
     motion = compose_derivatives(by_s, s_rates[1:])
@@ -81,9 +100,7 @@ def restart_plan(
     start = _law_derivatives_on(robot, path, motion)
     names = ("friction", "wrenches", "torque_sharing")
     shared = {name: getattr(plan.request, name) for name in names} | {"geometry": plan.geometry}
-    restarted = plan_crossing(robot, path, **{**shared, **options}, start_speed=start)
-    _check_seam(plan, t, restarted)
-    return restarted
+    return plan_crossing(robot, path, **{**shared, **options}, start_speed=start)
 
 
 def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> CrossingPlan:
@@ -104,7 +121,9 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
         raise InvalidInput(f"times: needs {len(plans) - 1}, one for each plan but the last, got {len(times)}")
     for plan, following, leave in zip(plans, plans[1:], leaves, strict=False):
         _check_instant(plan, leave)
-        _check_seam(plan, leave, following)
+        jump = _find_jump(plan, leave, following)
+        if jump is not None:
+            raise jump
     wrenches = plans[0].request.wrenches
     if any(plan.request.wrenches != wrenches for plan in plans) or _has_varying_wrenches(plans[0]):
         raise InvalidInput(
@@ -350,8 +369,8 @@ def _check_instant(plan: CrossingPlan, t: float) -> None:
         raise InvalidInput(f"t: must lie in (0, {plan.duration:g}] s, got {t!r}")
 
 
-def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
-    """Raise InvalidInput unless the next plan begins with the motion of a plan at t [s].
+def _find_jump(plan: CrossingPlan, t: float, following: CrossingPlan) -> InvalidInput | None:
+    """Return the error for a next plan that does not begin with the motion of a plan at t [s]; else None.
 
     Motor angles, torques, the platform with two derivatives and the deflections with one are compared, over
     the largest of the plan.
@@ -381,9 +400,10 @@ def _check_seam(plan: CrossingPlan, t: float, following: CrossingPlan) -> None:
                 why = "a corner is passed at rest"
             elif shared:
                 why = "of torque_sharing, least_norm alone depends on the motion alone"
-            raise InvalidInput(
+            return InvalidInput(
                 f"plans: at t = {t:g} s the {what} jumps by {jump:.2g}, its size is {size:.3g}: {why}"
             )
+    return None
 
 
 def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:

@@ -189,7 +189,7 @@ class PlanOptions:
     )
     start_speed: float | Sequence[float] | None = _option(
         "speed s' [1/s] at which the motion starts, and s\", ... if they are not zero; at rest by default",
-        ". One number, or the derivatives of s up to the order `smoothness` at most, with springs to order 8",
+        ". One number, or the derivatives of s up to the order `smoothness` at most, with springs up to 10",
         check=_end_motion,
         typed={"type": float, "nargs": "+", "metavar": "v"},
     )

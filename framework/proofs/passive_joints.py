@@ -146,7 +146,7 @@ def turn_within_ranges(robot: ParallelRobot, q: Array, columns: IntArray) -> Arr
     up, down = np.maximum(lower - angle, 0.0), np.maximum(angle - upper, 0.0)
     turned = angle + whole_turn * (np.ceil(up / whole_turn) - np.ceil(down / whole_turn))
     turned = np.where((lower <= turned) & (turned <= upper), turned, angle)
-    turned = np.where(np.isinf(upper - lower), -wrap_angles(-angle), turned)
+    turned = np.where(np.isinf(lower) & np.isinf(upper), -wrap_angles(-angle), turned)
     return integrate_columns(robot, q, hinges, turned - angle)
 
 

@@ -44,6 +44,11 @@ def reference(name, period=None):
     return reference_of(plan, period=period or plan.duration / 10)
 
 
+def some_of(*plain):
+    """Return all controllers, of which those not named are for the slow suite."""
+    return [pytest.param(name, marks=() if name in plain else pytest.mark.slow) for name in CONTROLLERS]
+
+
 def stacks(count):
     """Some of so many runs, in stacks of each length, each time others and in another order."""
     random = np.random.default_rng(count)
@@ -111,7 +116,7 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
 
 
 @pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("controller", ["feedforward", "lqg"])
+@pytest.mark.parametrize("controller", some_of("feedforward", "lqg"))
 def test_a_run_alone_is_the_run_among_others(controller, sensors):
     """From the start to the verdict, with everything that may differ."""
     ref = reference("five_bar", 2e-2)
@@ -160,7 +165,7 @@ def test_a_run_whose_equations_are_singular_leaves_the_others_alone():
 
 
 @pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", ["computed_torque", "lqg"])
+@pytest.mark.parametrize("name", some_of("computed_torque", "lqg"))
 def test_a_run_that_runs_away_leaves_its_neighbours_alone(name, sensors):
     plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
     controller = tuned_controller(name, reference_of(plan, period=1e-2))

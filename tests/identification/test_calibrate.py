@@ -382,6 +382,7 @@ def test_further_poses_leave_the_deviations_that_are_said(tmp_path):
 @pytest.mark.parametrize(
     ("change", "option"),
     [
+        (lambda v: v * [1, 1, 1e3, 1e3], "--unit platform=mm"),
         (lambda v: v[:, [0, 1, 3, 2]], "--swap platform_x=platform_y"),
         (lambda v: v * [1, 1, -1, 1], "--sign platform_x=-1"),
         (lambda v: v * [1e3, 1e3, 1, 1], "--unit motor_angle=mm"),

@@ -49,6 +49,19 @@ def test_what_the_file_gives_is_held_while_the_rest_closes_the_loops():
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_the_kept_rows_say_all_that_the_closures_say(name):
+    """As many as the rank of rows written anew, and together with those of no higher rank."""
+    robot = robots.load(name)
+    _, anew = opened(robot, robot.reference.q)
+    scale = robot.column_scale
+    rank = np.linalg.matrix_rank(anew * scale, tol=RANK * np.linalg.norm(anew * scale, 2))
+    kept = robot.structure.independent
+    assert len(kept) == rank
+    assert np.all(np.diff(kept) > 0)
+    assert robot.loops.names == tuple(robot.rows.names[row] for row in kept)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_idle_joints_are_as_many_as_passive_motions_that_nothing_feels(name):
     robot = robots.load(name)
     q = robot.reference.q

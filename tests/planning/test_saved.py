@@ -280,6 +280,6 @@ def test_a_robot_file_that_has_moved_can_be_named_again(project, capsys):
 
 def test_an_optimal_law_without_a_smoothness_is_refused_by_name(tmp_path):
     plan = plan_scene(robots.load("five_bar"), "A", duration=None, optimize="time", torque_limit=0.3)
-    for smoothness in (-1, 1.5, True, 10**40):
+    for smoothness in (-1, 0, 1.5, True, 10**40, "2"):
         with pytest.raises(InvalidInput, match="smoothness"):
             load_plan(edited(plan, tmp_path, {"law.smoothness": smoothness}))

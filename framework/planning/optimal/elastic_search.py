@@ -203,6 +203,7 @@ class ElasticSearch:
         """
         failure: NoAnswer | None = None  # the first one
         least_excess = np.inf
+        least_cost = np.inf
         former_start: Start | None = None
         former_law: Best | None = None
         is_deformed = self.task.follows_balance
@@ -228,8 +229,12 @@ class ElasticSearch:
             try:
                 for iterate in self._improve(law) if is_deformed else self._keep_limits(start, law):
                     least_excess = min(least_excess, iterate.excess)
-                    if iterate.worst <= 1.0 and iterate.motion is not None:
-                        is_found = True
+                    if iterate.worst > 1.0 or iterate.motion is None:
+                        continue
+                    is_found = True
+                    cost = iterate.motion.cost(self.task.specification.goal)
+                    if cost < least_cost:
+                        least_cost = cost
                         yield iterate.motion
             except FAILURES as reason:
                 if isinstance(reason, SpringsTooSoft):
@@ -247,7 +252,7 @@ class ElasticSearch:
 
         Args:
             failure: the first failure of a start.
-            least_excess: of all certified motions; infinite without one.
+            least_excess: of all motions in balance; infinite without one.
         """
         if failure is not None and not 1.0 < least_excess < np.inf:
             return failure
@@ -317,12 +322,13 @@ class ElasticSearch:
             law = adapt_found_law(law, excess=former)
 
     def _improve(self, first: Best) -> Iterator[Iterate]:
-        """Yield certified motions: under the law in balance nearest to a first one, and under better laws.
+        """Yield motions in balance: under the law nearest to a first one, and under better laws.
 
-        The best iterate is that of least merit, or the last allowed one that costs less than those before.
-        Torques are linearised about the last iterate, also if it is worse than the best: the next steps may
-        correct it. If they do not, the search ends if any motion is allowed. Else, and after a step without a
-        motion, the next law is sought nearer to the best iterate.
+        Those that are allowed by their response, and cheaper than those before, are certified. The best
+        iterate is that of least merit, or the last allowed one that costs less than those before. Torques are
+        linearised about the last iterate, also if it is worse than the best: the next steps may correct it.
+        If they do not, the search ends if any motion is allowed. Else, and after a step without a motion, the
+        next law is sought nearer to the best iterate.
         """
         least_cost = np.inf  # of certified motions that are allowed
         is_near_least = _is_near_least(first)
@@ -342,15 +348,17 @@ class ElasticSearch:
         share = 1.0 - 2.0 * LIMIT_MARGIN  # of the limits; the rest is left for torques that are not linear
         detours = 0  # steps that made it worse since the best iterate
         for _ in range(MAX_STEPS):
-            is_least = new is not None and new.motion is not None and new.worst <= 1.0
-            if new is not None and new.motion is not None:
+            cost = np.inf  # of a certified motion that is allowed
+            if new is not None:
                 yield new
+            if new is not None and new.motion is not None:
+                cost = new.motion.cost(self.task.specification.goal) if new.worst <= 1.0 else np.inf
                 # limits may be exceeded between points: half the margin is left
                 share *= (1.0 - 0.5 * LIMIT_MARGIN) / max(new.excess, 0.5)
                 share = min(share, 1.0 - 2.0 * LIMIT_MARGIN)
-            if new is not None and (is_least or new.merit <= best.merit):
+            if new is not None and (cost < least_cost or new.merit <= best.merit):
                 about = best = new
-                least_cost = new.best.cost if is_least else least_cost
+                least_cost = min(least_cost, cost)
                 detours = 0
             elif new is not None and (new.merit < about.merit or detours < MAX_DETOURS):
                 detours += new.merit >= about.merit
