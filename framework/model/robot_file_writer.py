@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring, indent, tostring
@@ -172,8 +172,8 @@ def _coupling_entry(coupling: Coupling) -> Document:
 
 
 def _closure_entry(closure: Closure) -> Document:
-    """Return the entry of a closure, with a kind in place of axes if possible."""
-    entry = record_entry(closure)
+    """Return the entry of a closure, with a kind in place of axes if possible; an axis is always written."""
+    entry = record_entry(replace(closure, omits_axis=False))
     for kind in ("fixed", "spherical", *kinds_with_length()):  # the kinds without an axis
         if closure.axes == locked_axes(kind):
             del entry["axes"]
