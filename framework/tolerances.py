@@ -467,7 +467,7 @@ are planned, right to 4e-10 (a nearly straight arc, an end 1e-8 m beyond the loc
 1e-7 m before the locus is refused.
 """
 
-TAIL_ROUNDING = 1e-14
+STRICTEST_TAIL = 1e-14
 """The strictest tail that may be asked for: rounding leaves 1e-15 to 1e-14 of the torques.
 
 Measured on the five-bar: 6e-15 of the polynomial law, 4e-13 of the optimal law on the finest grid.

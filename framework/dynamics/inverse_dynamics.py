@@ -73,7 +73,7 @@ from framework.tolerances import (
     OVERSHOOT,
     RESOLVABLE_TAIL,
     SAME_PLACE,
-    TAIL_ROUNDING,
+    STRICTEST_TAIL,
     TORQUE_TAIL,
     WRONG_DERIVATIVE,
 )
@@ -151,12 +151,12 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidInput unless TAIL_ROUNDING <= tolerance <= RESOLVABLE_TAIL.
+    """Raise InvalidInput unless STRICTEST_TAIL <= tolerance <= RESOLVABLE_TAIL.
 
     Series with a smaller tail than RESOLVABLE_TAIL have no pole.
     """
-    if not (is_number(tolerance) and TAIL_ROUNDING <= tolerance <= RESOLVABLE_TAIL):
-        limits = f"[{TAIL_ROUNDING:g}, {RESOLVABLE_TAIL:g}]"
+    if not (is_number(tolerance) and STRICTEST_TAIL <= tolerance <= RESOLVABLE_TAIL):
+        limits = f"[{STRICTEST_TAIL:g}, {RESOLVABLE_TAIL:g}]"
         raise InvalidInput(f"tolerance: must lie in {limits}, got {tolerance!r}")
 
 

@@ -234,7 +234,7 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Mo
 
 
 def forces_are_at_rest(result: InverseDynamics) -> bool:
-    """Return whether the forces of a result are those with springs at rest, and its motion is not."""
+    """Return whether forces are those with springs at rest, though deflections are known."""
     return bool(result.robot.n_e) and result.geometry == "rigid"
 
 

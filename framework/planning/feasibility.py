@@ -102,7 +102,7 @@ class Feasibility:
 
     @property
     def _rest(self) -> str:
-        """Whether the s" required at s' = 0 starts a motion or brakes it, in words."""
+        """The end of the path at rest, in words: "to rest" if the s" required at s' = 0 brakes."""
         return "from rest" if self.acceleration is None or self.acceleration[0] > 0.0 else "to rest"
 
     @property

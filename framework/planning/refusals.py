@@ -221,7 +221,7 @@ class LeastLimits(NamedTuple):
 
     @property
     def is_unknown(self) -> bool:
-        """Whether no law was found that tells them."""
+        """Whether no law was found that tells the least limits."""
         return self.torque_peak is None and self.speed_peak is None
 
     @staticmethod

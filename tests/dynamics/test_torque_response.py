@@ -13,6 +13,7 @@ from framework.model.description import JointDynamics
 from framework.planning import scenes
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
+from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.next_law import evaluate_in_balance, find_next_law
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
@@ -53,8 +54,8 @@ def at_xi(deflections):
     return deflections.splines.evaluate(deflections.series, XI)
 
 
-@pytest.mark.parametrize(("name", "scene", "flexibility", "joints"), CASES)
-def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints):
+def pose_problem(name, scene, flexibility, joints) -> tuple[Task, LawProblem]:
+    """Task of a scene in 1.5 s, and its problem with z as one series of degree 24."""
     description = replace(robots.load(name).description, joints=joints)
     robot = ParallelRobot.from_description(description, flexibility=flexibility)
     path = scenes.scene_path(scenes.scene(robot, scene))
@@ -62,6 +63,12 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
     searched = search_path(robot, path)
     task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
     problem = problem_of(task)._replace(degree=24)
+    return task, problem
+
+
+@pytest.mark.parametrize(("name", "scene", "flexibility", "joints"), CASES)
+def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints):
+    task, problem = pose_problem(name, scene, flexibility, joints)
     law, balance = find_law_in_balance(task, solve_problem(problem, share=0.3).law, None)
     response = respond_to_law(balance)
     torque, slopes, speed = response.evaluate_motors(XI)
@@ -98,13 +105,7 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
 def test_loose_balances_give_certified_torques_and_steps_of_the_size_asked_for(
     name, scene, flexibility, joints
 ):
-    description = replace(robots.load(name).description, joints=joints)
-    robot = ParallelRobot.from_description(description, flexibility=flexibility)
-    path = scenes.scene_path(scenes.scene(robot, scene))
-    request = Request.of(robot, path, duration=1.5, law="optimal", smoothness=6)
-    searched = search_path(robot, path)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task)._replace(degree=24)
+    task, problem = pose_problem(name, scene, flexibility, joints)
     best = solve_problem(problem, share=0.3)
     law, loose = find_law_in_balance(task, best.law, None, misfit=1e-8)
     response = respond_to_law(loose)
