@@ -170,8 +170,7 @@ def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch
 def test_short_work_and_logs_are_spared(monkeypatch, capsys, terminal, term, lasts):
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
     monkeypatch.setenv("TERM", term)
-    if lasts:
-        monkeypatch.setattr("framework.cli.console.FIRST", 0.05)
+    monkeypatch.setattr("framework.cli.console.FIRST", 0.05 if lasts else 60.0)
     assert FIRST <= 2.0
     with Progress("at work"):
         time.sleep(lasts)
