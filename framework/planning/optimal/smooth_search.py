@@ -13,9 +13,9 @@ durations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import chain, pairwise, product
+from itertools import chain, pairwise, product, tee
 from typing import NamedTuple
 
 import numpy as np
@@ -136,14 +136,8 @@ class SmoothSearch(NamedTuple):
         problem = self.program.problem
         if not np.isfinite(problem.stages).any():
             return self, self._solve_above_floor(own, similar=similar)
-        starts = [] if similar is None else [similar]
-        if problem.stops:  # the law that meets the last instant alone may nearly meet the others
-            without_stops = problem.with_goal(self.goal, times=())._replace(stops=())
-            free = replace(self.program, problem=without_stops)
-            _, law = self._replace(program=free).find_smooth()
-            if isinstance(law, Speed):
-                starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
-        law = self._settle_within(own, starts, similar)
+        own_starts, starts = tee(self._find_similar(similar))
+        law = self._settle_within(own, own_starts, similar)
         if isinstance(law, Speed) or not is_least_known:
             return self, law
 
@@ -160,10 +154,21 @@ class SmoothSearch(NamedTuple):
         smooth = search._settle_within(search.bounds, [best])
         return search, smooth if isinstance(smooth, Speed) else best
 
+    def _find_similar(self, similar: Speed | None) -> Iterator[Speed]:
+        """Yield a similar law, if any, and the one that meets the last required instant alone."""
+        if similar is not None:
+            yield similar
+        problem = self.program.problem
+        if problem.stops:  # it may nearly meet the others
+            without_stops = problem.with_goal(self.goal, times=())._replace(stops=())
+            _, law = self._replace(program=replace(self.program, problem=without_stops)).find_smooth()
+            if isinstance(law, Speed):
+                yield self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor)
+
     def _settle_within(
         self,
         bounds: Bounds,
-        starts: Sequence[Speed],
+        starts: Iterable[Speed],
         similar: Speed | None = None,
         goal: str = "curvature",
     ) -> Speed | NoneFound:
@@ -185,7 +190,7 @@ class SmoothSearch(NamedTuple):
         law = self.adjust(quick, BLENDED_DURATION)  # which costs no more than that
         if law is not None:
             return law
-        for group in chain([[start] for start in starts], self._find_starts(quick, bounds, goal)):
+        for group in chain(([start] for start in starts), self._find_starts(quick, bounds, goal)):
             laws = list[Speed]()
             for start in group:
                 for settled_goal in dict.fromkeys((goal, "curvature")):  # if the first fails, the second
