@@ -28,7 +28,7 @@ from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.law import compose_derivatives
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import HIGHEST_ORDER
-from framework.laws.squared_speed import ONE_CELL, Instants, SpeedBasis
+from framework.laws.squared_speed import Instants, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
@@ -78,15 +78,6 @@ class LawProblem(NamedTuple):
             return self.sampled.evaluate(phi, sigma)
         return demand(self.task.branch, phi, sigma)
 
-    def basis_on(self, cells: Array) -> SpeedBasis:
-        """Return the basis of z: splines on cells (k + 1,), or a series.
-
-        With a `degree` z is one series over the whole path, whatever the cells.
-        """
-        if self.degree is None:
-            return SpeedBasis.from_cells(cells)
-        return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
-
     @property
     def specification(self) -> Specification:
         return self.task.specification
@@ -132,24 +123,6 @@ class LawProblem(NamedTuple):
         drives = self.specification.drives
         cycle_time = None if drives is None else drives.cycle_time
         return cycle_time or self.specification.duration
-
-    def linearised_about(self, z: SparseRows, sigma: Array) -> Array | None:
-        """Return the squared speed (M,) about which limits of drives are linearised; None before a law.
-
-        Args:
-            z: rows (M, n) of the squared speed at sigma (M,).
-        """
-        if self.response is not None:
-            return np.maximum(z @ self.response.y, np.finfo(float).tiny)
-        return None if self.z0 is None else self.z0(sigma)
-
-    @property
-    def is_linearised(self) -> bool:
-        """Whether damping or limits of drives are linearised about a law."""
-        drives = self.specification.drives
-        if drives is None:
-            return self.task.robot.is_damped
-        return self.task.robot.is_damped or bool(drives.has_curve.any()) or self.averages_open_duration
 
     @property
     def averages_open_duration(self) -> bool:
@@ -236,12 +209,7 @@ class MotorRows(NamedTuple):
     def largest_limit_ratio(self, y: Array, x: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
 
-        A ratio above 1 exceeds a limit.
-
-        Args:
-            y: (n,) coefficients of z.
-            x: (n r,) coefficients of internal torques [N m].
-            allowed: (n_a,) torques [N m].
+        Torques may be as large as `allowed` (n_a,) [N m]; a ratio above 1 exceeds a limit.
         """
         ratios = [np.abs(torque) / limit for torque, limit in zip(self.torques(y, x), allowed, strict=True)]
         ratios += [rows @ y for rows in self.squared_speed]
@@ -310,10 +278,6 @@ def _rows_of_response(
     """Compute rows of torques and squared speeds at xi (M,) from a torque response.
 
     With the torques T_0 of the motion at y_0 and their slopes S by y, a torque is S y + (T_0 - S y_0).
-
-    Args:
-        response: the torques linearised about a motion in balance.
-        basis: the functions of xi whose combination is z.
     """
     specification = problem.specification
     torque, slopes, speed = response.evaluate_motors(xi)  # (M, n_a), (M, n_a, n), (M, n_a)
@@ -328,11 +292,7 @@ def _rows_of_response(
 def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
     """Compute rows (M, n) of squared speeds over their squared limits.
 
-    A motor without a limit has no rows.
-
-    Args:
-        speed: (M, n_a) of the motors over d sigma/dt.
-        z: rows (M, n) of the squared speed (d sigma/dt)^2.
+    Speeds (M, n_a) are over d sigma/dt, z has rows (M, n). A motor without a limit has no rows.
     """
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
@@ -344,20 +304,17 @@ def _curve_rows(
 ) -> tuple[Affine, ...]:
     """Compute rows (M, n) of (k T + w) / w_0 for motors with a torque-speed curve, T > 0 along w.
 
-    The speed w = |q'| sqrt(z) is concave in z, so that its tangent (w_t + w^2 / w_t) / 2 at any w_t > 0 is no
-    less: laws within the rows are within the curve. w_t is the speed at the squared speed z0. Up to the
-    corner speed the torque limit implies the curve, so that w_t need not be less than that.
-
-    Args:
-        torques: of all motors [N m], affine in the coefficients of z.
-        speed: (M, n_a) of the motors over d sigma/dt.
-        z: rows (M, n) of the squared speed (d sigma/dt)^2.
-        sigma: (M,) of the points.
+    The speed w = |q'| sqrt(z), with q' = `speed` (M, n_a) at sigma (M,), is concave in z, so that its tangent
+    (w_t + w^2 / w_t) / 2 at any w_t > 0 is no less: laws within the rows are within the curve. w_t is the
+    speed at the squared speed z0. Up to the corner speed the torque limit implies the curve, so that w_t need
+    not be less than that.
     """
     drives = problem.specification.drives
     if drives is None:
         return ()
-    z0 = problem.linearised_about(z, sigma)
+    z0 = None if problem.z0 is None else problem.z0(sigma)  # (M,)
+    if problem.response is not None:
+        z0 = np.maximum(z @ problem.response.y, np.finfo(float).tiny)
     curves = []
     for k in np.flatnonzero(drives.has_curve).tolist():
         no_load = drives.no_load_speed[k]
@@ -378,10 +335,6 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 
     A multiple of the conditions C is subtracted, which vanishes for laws that meet them. T - share C with
     share = T C' (C C')^-1 is orthogonal to C, the direction of the pole.
-
-    Args:
-        torque: torques of one motor [N m] at xi (M,), affine in the coefficients of z.
-        conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
     C = conditions.matrix
     C_transposed = C.toarray().T  # (n, k)

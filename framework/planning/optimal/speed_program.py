@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.torque_distribution import second_differences
-from framework.laws.squared_speed import SpeedBasis, SpeedSpace
+from framework.laws.squared_speed import ONE_CELL, SpeedBasis, SpeedSpace
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.chebyshev import gauss_legendre
 from framework.numerics.cone_program import (
@@ -128,7 +128,9 @@ class SpeedProgram:
         because torques change quickly in these cells. A cell in which an instant is required has two halves
         with points of their own, so that integrals end there.
         """
-        basis = problem.basis_on(cells)
+        basis = SpeedBasis.from_cells(cells)
+        if problem.degree is not None:  # one series over the whole path, whatever the cells
+            basis = SpeedBasis(np.array(ONE_CELL), problem.degree + 1)
         crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
@@ -289,7 +291,7 @@ class SpeedProgram:
         about: tuple[Array, Array, bool] | None = None,
         stage: int = -1,
         tolerance: float = TOLERANCE,
-        model: tuple[Mapping[str, Array], AffineRows] | None = None,
+        model: tuple[dict[str, Array], AffineRows] | None = None,
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
 
@@ -314,7 +316,12 @@ class SpeedProgram:
         scale = units.time**2  # the unknown y is in units of 1 / time^2
         timed = goal == "time" or bounds.longest is not None  # whether the duration counts
         # motors whose squared torques count for an energy, by the name of its unknowns
-        rms_motors = self._rms_motors if bounds.torque_limits and goal != "limits" else []
+        rms_motors = list[int]()
+        drives = problem.specification.drives
+        counts = bounds.torque_limits and goal != "limits"
+        # over an open duration they count from the second law on, over the time that the first suggests
+        if counts and drives is not None and problem.averaging_time is not None:
+            rms_motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
         powers = {f"e{motor}": [motor] for motor in rms_motors}
         if rms_motors:
             tolerance = max(tolerance, RMS_TOLERANCE)
@@ -353,7 +360,7 @@ class SpeedProgram:
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
 
-        cost: Mapping[str, Array] = {"peak": np.ones(1)}
+        cost: dict[str, Array] = {"peak": np.ones(1)}
         square = None
         if model is not None:
             cost, square = model
@@ -382,26 +389,10 @@ class SpeedProgram:
         x = optimum["x"] * self._internal_unit(units) if self.frames is not None else NO_INTERNAL
         return self.evaluate_speed(y, x, least)._replace(floor=float(np.min(floor)))
 
-    @property
-    def _rms_motors(self) -> list[int]:
-        """The motors whose RMS torque has a limit.
-
-        Where the duration is open they count from the second law on, over the time that the first suggests.
-        """
-        drives = self.problem.specification.drives
-        if drives is None or self.problem.averaging_time is None:
-            return []
-        return np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
-
     def _bound_integrals(self, bounds: Bounds, units: Units, rms_motors: Sequence[int]) -> list[AffineRows]:
         """Return bounds less integrals of durations and energies, as rows that may not be negative.
 
         The bound of an RMS torque over the time T is one of the integral of its square: limit^2 T.
-
-        Args:
-            bounds: bounds of durations and energy, and the share of RMS limits that may be used.
-            units: units of the program.
-            rms_motors: motors whose RMS torque is bounded.
         """
         rows = []
         if bounds.longest is not None:
@@ -424,17 +415,12 @@ class SpeedProgram:
         return rows
 
     def _duration_tangents(self, y: Array, durations: Array, units: Units) -> AffineRows:
-        """Return the rows T_lin(z) - duration of all stages with a finite duration.
+        """Return the rows T_lin(z) - duration of all stages (m,) with a finite duration.
 
-        T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2) over the stage:
+        T_lin is the tangent at the z_0 of y (n,) of the duration T = integral of z^(-1/2) over the stage:
         T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z. Both T, as `evaluate_speed` computes it, and
         T_lin are integrated by the fine quadrature, so that T(z) >= T_lin(z) holds but for rounding. Rows
         are in units of `units.time`.
-
-        Args:
-            y: coefficients (n,) of z_0 [1/s^2].
-            durations: of the stages (m,) [s]; infinite where open.
-            units: units of the program; its unknowns y are in 1 / time^2.
         """
         fine_z, weights = self.fine_quadrature
         z_0 = fine_z @ y * units.time**2  # (F,)
@@ -449,11 +435,6 @@ class SpeedProgram:
 
         The unknown `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed",
         and both, as a multiple of their limits, for "limits".
-
-        Args:
-            goal: goal of `minimise`.
-            bounds: the bound of the peak, and the share of the limits that may be used.
-            units: units of the program.
         """
         rows = list[AffineRows]()
         limits = self.problem.specification.torque_limit  # (n_a,) [N m]
@@ -485,11 +466,7 @@ class SpeedProgram:
         return rows
 
     def _torques_in_units(self, units: Units) -> list[AffineRows]:
-        """Return for each motor the rows (M, n) of its torque over its reference, in a program's units.
-
-        Args:
-            units: units of time and torque of the program; y is in 1 / time^2.
-        """
+        """Return for each motor the rows (M, n) of its torque over its reference, in a program's units."""
         torques = []
         for motor, reference in enumerate(self.problem.reference):
             matrix, offset = self.rows.torque[motor]
@@ -516,13 +493,8 @@ class SpeedProgram:
     ) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
 
-        They are r^2 <= z, v r >= 1 and e r >= |torque|^2. The first is 4 z >= (2 r)^2, that is
-        z + 1 >= |(z - 1, 2 r)|, since (z + 1)^2 - (z - 1)^2 = 4 z.
-
-        Args:
-            units: units of the program.
-            powers: motors whose torques count for an energy, by the name of its unknowns.
-            timed: whether the duration counts.
+        They are, if durations or the powers of motors count, r^2 <= z, v r >= 1 and e r >= |torque|^2. The
+        first is 4 z >= (2 r)^2, that is z + 1 >= |(z - 1, 2 r)|, since (z + 1)^2 - (z - 1)^2 = 4 z.
         """
         count = self.z.shape[0]
         identity = SparseRows.identity(count)
@@ -553,11 +525,6 @@ def _weigh_limits(xi: Array, cells: Array, crossings: Array) -> list[Array]:
     The weighted sum is the limit at the crossing. A torque at a crossing is 0 / 0. Its limit is interpolated
     by the polynomial through the points of the cell about the crossing. A crossing on the edge of two cells
     has no weights.
-
-    Args:
-        xi: (M,) points, cell by cell, between the ends -1 and 1, which belong to no cell.
-        cells: (k + 1,) edges of the cells.
-        crossings: xi of the crossings.
     """
     weights = []
     for crossing in crossings:
@@ -580,14 +547,10 @@ def _subdivide(edges: Array, parts: int) -> Array:
 
 
 def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> tuple[Array, Array]:
-    """Return points xi (M,), Gauss points and both ends, and weights (M,) of integrals over sigma.
+    """Return points xi (M,), `counts` of each cell and both ends, and weights (M,) over sigma.
 
     Since d sigma = d xi / xi', the weights are Gauss weights of integrals over xi, divided by
     xi' = d xi / d sigma. The ends -1 and 1 are points for rows of torques, and have the weight zero.
-
-    Args:
-        cells: (k + 1,) edges of the cells in xi.
-        counts: (k,) numbers of Gauss points of the cells.
     """
     rules = {count: gauss_legendre(count) for count in set(counts.tolist())}
     local = np.concatenate([rules[count][0] for count in counts.tolist()])  # in [-1, 1] on each cell
@@ -601,12 +564,9 @@ def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> 
 
 
 def _lagrange_weights(xi: Array, chosen: IntArray, x: float) -> Array:
-    """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x.
+    """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x through `chosen` points.
 
     The weight of point i is the product of (x - x_j) / (x_i - x_j) over all chosen points j other than i.
-
-    Args:
-        chosen: indices (k,) of the interpolated points; the others get the weight zero.
     """
     points = xi[chosen]
     # (k, k) factors of the products; those with j = i are 1
