@@ -383,7 +383,7 @@ def count_chunks(store: KeptChunks | None, unit: str) -> str:
 
 def start_workers(options: Namespace, *modules: str) -> AbstractContextManager[Executor | None]:
     """Return the context of the executor of --workers or --dask, whose processes import modules at once."""
-    return executor_of(workers=options.workers, dask=options.dask, imports=("framework.cli", *modules))
+    return executor_of(workers=options.workers, dask=options.dask, imports=modules)
 
 
 @contextmanager
