@@ -8,7 +8,7 @@ import sys
 import time
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import cycle
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import pytest
 from framework import InvalidInput
 from framework.cli import main, robots
 from framework.numerics.interruption import Terminated, defer_signals, exit_code, interruptible
+from framework.numerics.output import written_together
 from tests.watchdog import PATIENCE, wait_for
 
 # what is sent before the program has begun to import is Python's own affair
@@ -276,6 +277,20 @@ def test_a_signal_in_a_callback_where_python_loses_exceptions_interrupts_what_co
         lose_and_go_on()
     assert callback() is None
     assert [exit_code(stop) for stop in (*stops, caught.value)] == 2 * [SIGNALS[number][0]]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_no_file_is_written_after_an_interruption_that_other_code_has_caught(tmp_path, number):
+    def write():
+        with interruptible(), written_together(tmp_path / "new" / "out") as folder:
+            (folder / "plan.json").write_text("{}")
+            with suppress(KeyboardInterrupt):
+                signal.raise_signal(number)
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        write()
+    assert exit_code(caught.value) == SIGNALS[number][0]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_the_caller_ignores_stays_ignored():

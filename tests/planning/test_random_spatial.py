@@ -36,10 +36,10 @@ def check_refusal(refusal: NoLaw, limit: float, bound: float) -> None:
     if isinstance(proof, HoldingTorque):
         assert proof.torque > proof.limit == limit
         return
-    least = refusal.evidence.least
-    assert least.torque_peak is None or least.torque_peak > 1.0
-    if least.torque_peak is not None:
-        assert 0.95 < bound / limit / least.torque_peak < 1.0
+    peak = refusal.evidence.torque_peak
+    assert peak is None or peak > 1.0
+    if peak is not None:
+        assert 0.95 < bound / limit / peak < 1.0
 
 
 @pytest.mark.slow
