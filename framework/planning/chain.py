@@ -397,7 +397,11 @@ def _find_jump(plan: CrossingPlan, t: float, following: CrossingPlan) -> Invalid
 
 
 def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
-    """Join the torques and motions of the pieces of a path, up to their leaves; friction (n_a,) is dry."""
+    """Join the torques and motions of the pieces of a path, up to their leaves.
+
+    Args:
+        friction: dry, of the motors (n_a,) [N m, N], motor side.
+    """
     pieces = [plan.dynamics for plan in path.plans]
     join = partial(_join_functions, path)
     motor_angles = join([piece.motor_angles for piece in pieces])

@@ -122,12 +122,16 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Array |
 
 
 def bounds_of_terms(branch: Branch, crossing: SingularPoint, rate: float) -> Array:
-    """Bound the sizes (4,) of the terms of condition (8), for the largest dq/ds of a joint, `rate`.
+    """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta of condition (8).
 
     Terms that cancel within one joint force do not show in the powers of the joints. An example is a payload
     on massless legs whose forces are all orthogonal to t_s. So these bounds let the mass of all bodies move
     like the platform and, for beta, at the end of a joint of the robot's length. The bound for delta is 0,
     because the damping of a joint is one term, which cannot cancel.
+
+    Args:
+        crossing: the point of the path at which the condition holds.
+        rate: the largest dq/ds of a joint [rad, robot lengths].
     """
     robot = branch.robot
     units = robot.length / robot.platform_scale  # [m] per unit of each platform coordinate

@@ -180,10 +180,15 @@ def _choose_path(
 def _pass_folds(
     robot: ParallelRobot, start: Array, goal: Array, x: Array, motors: Sequence[str]
 ) -> Iterator[Array]:
-    """Yield poses (T, nq) from `start` (nq,) by one fold of a leg or more, from x[0] to x[1] (n,).
+    """Yield poses (T, nq) from a start by one fold of a leg, or by several, to a place of the platform.
 
-    Legs of all `motors` are flipped at the end, as they are not at the `goal`. Ways by one fold come first.
-    Those that flip one leg of several go on by further folds from there.
+    Ways by one fold come first. Those that flip one leg of several go on by further folds from there.
+
+    Args:
+        start: pose (nq,).
+        goal: pose (nq,) without flips, with the platform at the place.
+        x: platform coordinates (2, n) at the start and at the place.
+        motors: names of those whose legs are to flip.
     """
     partial: dict[str, Array] = {}  # the first way that flips just this motor's leg
     for x_fold in _find_folds(robot, start, x[0]):

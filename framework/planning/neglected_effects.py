@@ -133,6 +133,11 @@ class ModelOnMotion:
     ) -> ModelOnMotion:
         """Search the path of a motion with another model of the robot.
 
+        Args:
+            dynamics: the motion.
+            robot: the other model.
+            friction: dry friction (nv,) [N m or N] of its joints; None without.
+
         Raises:
             NoAnswer: the model cannot follow the path.
         """
@@ -356,9 +361,14 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
 def _measure_effect(
     robot: ParallelRobot, peaks: Array, effect: str, difference: Callable[[], Array]
 ) -> NeglectedEffect:
-    """Measure the largest torque of an effect relative to the planned peaks (n_a,).
+    """Measure the largest torque of an effect relative to the planned peaks.
 
     If the torque cannot be computed, the result says why.
+
+    Args:
+        peaks: largest planned torque (n_a,) of motors of the same unit.
+        effect: description in words.
+        difference: computes the torques (T, n_a) that the effect adds, or raises NoAnswer.
     """
     try:
         largest = np.abs(difference()).max(axis=0)
@@ -438,7 +448,11 @@ def neglected_friction(dynamics: InverseDynamics) -> Array:
 
 
 def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[NeglectedEffect]:
-    """Yield the torque that would hold the idle turns, an estimate of the error of the torques."""
+    """Yield the torque that would hold the idle turns, an estimate of the error of the torques.
+
+    Args:
+        peaks: largest planned torque (n_a,) of motors of the same unit.
+    """
     robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
     if not holding:
         return

@@ -406,6 +406,10 @@ def _score_laws(crossings: Sequence[SingularPoint], request: Request, timings: A
     The score is the least speed ratio of the law. A law that reaches COMFORTABLE_ADVANCE scores
     this value plus the reciprocal of its dimensionless peak |s"|, so that gentler laws win. Impossible times
     or speeds score negative infinity.
+
+    Args:
+        crossings: k points with their s; condition (8), t_s . W_p = 0, gives s" for s'.
+        timings: times [s] and speeds [1/s] of the k crossings of each law.
     """
     min_separation = 1e-3  # of crossings from each other and from the ends, over the duration
     duration = request.fixed_duration

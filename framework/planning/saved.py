@@ -418,6 +418,8 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
         stated: values of the part `law`. A polynomial has the key `chebyshev`, the coefficients of s(t). An
             optimal law has its smoothness, and under `squared_speed` the coefficients of z; `dense_at` and
             `cells` are the fields of `OptimalLaw`.
+        duration: [s].
+        request: the request that the plan answers.
 
     Raises:
         InvalidInput: the duration is invalid, or the law is less smooth than requested or smoother than

@@ -141,7 +141,11 @@ class DualProgram:
         return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
 
     def _bound_norm(self, x: Array) -> Array:
-        """Bound the mean (k,) of |nu|_1 on each cell from above, with nu = sum of x_i v_i."""
+        """Bound the mean (k,) of |nu|_1 on each cell from above, with nu = sum of x_i v_i.
+
+        Args:
+            x: (k, MULTIPLIER_DEGREE + 1, m) coefficients of x_i.
+        """
         v = self.series.v
         nu = multiply(v.coefficients, x[..., None]).sum(axis=2)  # (k, SIZE, m) coefficients
         # |x_i| is at most its largest coefficient, so that v.error (k, m, m) changes |nu|_1 by at most this
@@ -456,10 +460,14 @@ def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
 
 
 def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
-    """Compute coefficients (k, SIZE) of the sum of functions times x_i on each cell, and errors (k,).
+    """Compute the coefficients (k, SIZE) of sum f_i x_i on each cell, and their error (k,).
 
     The values of a function are between its least and its largest coefficient. Its mean is the mean of its
     coefficients.
+
+    Args:
+        functions: the m functions f_i.
+        x: coefficients (k, MULTIPLIER_DEGREE + 1, m) of the multipliers x_i.
     """
     total = multiply(functions.coefficients, x).sum(axis=2)
     error = (np.abs(x).max(axis=1) * functions.error).sum(axis=1)

@@ -209,7 +209,12 @@ class MotorRows(NamedTuple):
     def largest_limit_ratio(self, y: Array, x: Array, allowed: Array) -> Array:
         """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
 
-        Torques may be as large as `allowed` (n_a,) [N m]; a ratio above 1 exceeds a limit.
+        A ratio above 1 exceeds a limit.
+
+        Args:
+            y: (n,) coefficients of z.
+            x: (n r,) coefficients of internal torques [N m].
+            allowed: (n_a,) torques [N m].
         """
         ratios = [np.abs(torque) / limit for torque, limit in zip(self.torques(y, x), allowed, strict=True)]
         ratios += [rows @ y for rows in self.squared_speed]
@@ -304,10 +309,15 @@ def _curve_rows(
 ) -> tuple[Affine, ...]:
     """Compute rows (M, n) of (k T + w) / w_0 for motors with a torque-speed curve, T > 0 along w.
 
-    The speed w = |q'| sqrt(z), with q' = `speed` (M, n_a) at sigma (M,), is concave in z, so that its tangent
-    (w_t + w^2 / w_t) / 2 at any w_t > 0 is no less: laws within the rows are within the curve. w_t is the
-    speed at the squared speed z0. Up to the corner speed the torque limit implies the curve, so that w_t need
-    not be less than that.
+    The speed w = |q'| sqrt(z) is concave in z, so that its tangent (w_t + w^2 / w_t) / 2 at any w_t > 0 is no
+    less: laws within the rows are within the curve. w_t is the speed at the squared speed z0. Up to the
+    corner speed the torque limit implies the curve, so that w_t need not be less than that.
+
+    Args:
+        torques: of all motors [N m], affine in the coefficients of z.
+        speed: (M, n_a) of the motors over d sigma/dt.
+        z: rows (M, n) of the squared speed (d sigma/dt)^2.
+        sigma: (M,) of the points.
     """
     drives = problem.specification.drives
     if drives is None:
@@ -335,6 +345,10 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 
     A multiple of the conditions C is subtracted, which vanishes for laws that meet them. T - share C with
     share = T C' (C C')^-1 is orthogonal to C, the direction of the pole.
+
+    Args:
+        torque: torques of one motor [N m] at xi (M,), affine in the coefficients of z.
+        conditions: rows (k, n) C on the coefficients of z, which must vanish.
     """
     C = conditions.matrix
     C_transposed = C.toarray().T  # (n, k)

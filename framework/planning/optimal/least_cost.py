@@ -150,6 +150,10 @@ def _solve_on_cells_of_least_peak(
     """Find the least cost on the cells of the least peak; return `none` if that does not help.
 
     There may be a law within the limits on refined cells although there is none on the first cells.
+
+    Args:
+        cells: (k + 1,) the first cells, in xi.
+        none: the failed search on these cells.
     """
     if problem.specification.goal == "peak_torque":
         return none
@@ -265,6 +269,10 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     The bend of a coefficient is its second difference y_(i-1) - 2 y_i + y_(i+1). Spline i of degree p is not
     zero between the knots i and i + p + 1. Under a low coefficient all these cells are cut. Under a bend,
     only the inner cells of the middle spline are cut, without two at either end.
+
+    Args:
+        program: the program on the present cells.
+        y: (n,) coefficients of its solution.
     """
     basis = program.basis
     if not basis.is_spline:
@@ -285,7 +293,13 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
 
 
 def _cut_cells(problem: LawProblem, cells: Array, to_cut: BoolArray) -> Array:
-    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges."""
+    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges.
+
+    Args:
+        problem: the problem with its crossings.
+        cells: (k + 1,) edges in xi.
+        to_cut: mask of the cells to cut.
+    """
     low = cells[:-1][to_cut]
     high = cells[1:][to_cut]
     in_three = cells_about(cells, problem.crossing_xi)[to_cut]

@@ -80,11 +80,16 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 
 def _combine_torques(required: Demand, limit: Array, r: int) -> tuple[Demand, Array]:
-    """Combine torques that r redundant motors share freely; return S combinations and their limits (S,).
+    """Combine torques that redundant motors share freely; return S combinations and their limits (S,).
 
     In units of the limits, torques t have a distribution within [-1, 1] if |nu . t| <= |nu|_1 for all nu that
     are orthogonal to the r internal torques. Those of r + 1 motors, the others zero, suffice. The limits are
     infinite if there are more than MAX_COMBINATIONS of them.
+
+    Args:
+        required: torques of the motors.
+        limit: torque limits (n_a,).
+        r: number of redundant motors.
     """
     limited = np.flatnonzero(np.isfinite(limit))
     if comb(len(limited), r + 1) > MAX_COMBINATIONS:
@@ -114,7 +119,13 @@ def _choose_instants(plan: CrossingPlan) -> Array:
 
 
 def _bound_acceleration(required: Demand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """Compute the least and the largest s" (T,) [1/s^2] within torque limits (n_a,), at speeds s' (T,)."""
+    """Compute the least and the largest s" (T,) [1/s^2] within torque limits.
+
+    Args:
+        required: torques of the motors with sigma = s.
+        speed: s' (T,) [1/s] of the law.
+        limit: torque limits (n_a,) [N m].
+    """
     constant, per_z, per_u = required.torque
     ds = speed[:, None]
     steady_torque = constant + (required.damping + per_z * ds) * ds  # (T, n_a) at s" = 0

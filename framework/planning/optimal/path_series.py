@@ -131,6 +131,10 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
 def _fit_series(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
     """Fit the functions of `PathSeries` on k cells: v_i, v_i . c, v_i . cz, v_i . d and squared speeds.
 
+    Args:
+        reference: torques (n_a,) [N m] by which torques are divided; infinite for motors that are left out.
+        edges: edges (k + 1,) of the cells in s.
+
     Returns:
         The functions; masks (k,) of cells on which they resolve, and in which a motor with friction reverses.
     """

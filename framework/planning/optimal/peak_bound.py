@@ -149,6 +149,10 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     negative along the path (`dual_program`). They are series on cells of s, which are refined step by step:
     where |nu| is large, since its integral is the denominator of the bound, and where the factor is not
     proved positive.
+
+    Args:
+        reference: torques (n_a,) [N m]; motors with an infinite reference do not count.
+        timed: whether the duration is bounded instead of the peak.
     """
     robot = task.robot
     counts_enough = np.isfinite(reference).sum() > robot.n_a - robot.n  # more motors than redundant ones

@@ -415,12 +415,17 @@ class SpeedProgram:
         return rows
 
     def _duration_tangents(self, y: Array, durations: Array, units: Units) -> AffineRows:
-        """Return the rows T_lin(z) - duration of all stages (m,) with a finite duration.
+        """Return the rows T_lin(z) - duration of all stages with a finite duration.
 
-        T_lin is the tangent at the z_0 of y (n,) of the duration T = integral of z^(-1/2) over the stage:
+        T_lin is the tangent at z_0 of the duration T = integral of z^(-1/2) over the stage:
         T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z. Both T, as `evaluate_speed` computes it, and
         T_lin are integrated by the fine quadrature, so that T(z) >= T_lin(z) holds but for rounding. Rows
         are in units of `units.time`.
+
+        Args:
+            y: coefficients (n,) of z_0 [1/s^2].
+            durations: of the stages (m,) [s]; infinite where open.
+            units: units of the program; its unknowns y are in 1 / time^2.
         """
         fine_z, weights = self.fine_quadrature
         z_0 = fine_z @ y * units.time**2  # (F,)
@@ -525,6 +530,11 @@ def _weigh_limits(xi: Array, cells: Array, crossings: Array) -> list[Array]:
     The weighted sum is the limit at the crossing. A torque at a crossing is 0 / 0. Its limit is interpolated
     by the polynomial through the points of the cell about the crossing. A crossing on the edge of two cells
     has no weights.
+
+    Args:
+        xi: (M,) points, cell by cell, between the ends -1 and 1, which belong to no cell.
+        cells: (k + 1,) edges of the cells.
+        crossings: xi of the crossings.
     """
     weights = []
     for crossing in crossings:
@@ -553,10 +563,14 @@ def _subdivide(edges: Array, parts: int) -> Array:
 
 
 def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> tuple[Array, Array]:
-    """Return points xi (M,), `counts` of each cell and both ends, and weights (M,) over sigma.
+    """Return points xi (M,), Gauss points and both ends, and weights (M,) of integrals over sigma.
 
     Since d sigma = d xi / xi', the weights are Gauss weights of integrals over xi, divided by
     xi' = d xi / d sigma. The ends -1 and 1 are points for rows of torques, and have the weight zero.
+
+    Args:
+        cells: (k + 1,) edges of the cells in xi.
+        counts: (k,) numbers of Gauss points of the cells.
     """
     rules = {count: gauss_legendre(count) for count in set(counts.tolist())}
     local = np.concatenate([rules[count][0] for count in counts.tolist()])  # in [-1, 1] on each cell
