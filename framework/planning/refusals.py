@@ -79,6 +79,7 @@ The optimal law:
         planning.optimal.elastic_search.ElasticSearch
     NotConverged: no law within all limits is resolved
         planning.optimal.optimal_motion.optimal_motion
+        planning.optimal.best_law.adapt_law
     NotConverged: law and springs do not settle together
         planning.optimal.elastic_search.ElasticSearch
     NotConverged: springs do not start or stop at rest
