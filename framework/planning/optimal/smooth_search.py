@@ -409,14 +409,19 @@ class SmoothSearch(NamedTuple):
         problem = self.program.problem
         positive_xi = np.clip(self.program.positive_xi, -1.0, 1.0)
         sigma = problem.task.stretch.inverse(positive_xi)  # (points,)
-        cost = self._holding_cost(sigma)
+        # the sum of (torque at rest over the reference)^2; torques at rest are offsets, as z = u = 0, and the
+        # first M rows of the program are at its points
+        points = problem.task.stretch.inverse(self.program.xi)  # sigma (M,)
+        at_rest = [torque.offset[: len(points)] for torque in self.program.rows.torque]  # (M,) of each motor
+        ratio = np.stack(at_rest, axis=1) / problem.reference  # (M, n_a)
+        cost = np.interp(sigma, points, (ratio**2).sum(axis=1))  # (points,)
         is_minimum = np.pad((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]), 1)
         edges = np.array([0.0, *problem.stops, 1.0])
-        at_rest = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
+        resting_ends = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
         masks = list[list[BoolArray]]()  # of each stage, one after the other
         for start, end in pairwise(edges[: 1 + np.isfinite(problem.stages).sum()]):
             reach = width * (end - start)
-            resting = at_rest[(at_rest == start) | (at_rest == end)]
+            resting = resting_ends[(resting_ends == start) | (resting_ends == end)]
             if goal != "curvature" and len(resting) > 1:
                 resting = resting[[np.argmin(cost[[0, -1]])]]
             if not len(resting):
@@ -434,20 +439,6 @@ class SmoothSearch(NamedTuple):
             masks.append(stage_masks)
         for k in range(max(map(len, masks))):
             yield np.array([each[min(k, len(each) - 1)] for each in masks])
-
-    def _holding_cost(self, sigma: Array) -> Array:
-        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,), on the path.
-
-        Torques are affine in the squared speed z and u = z'/2, so that those at rest are their offsets.
-        """
-        program = self.program
-        points = program.problem.task.stretch.inverse(program.xi)  # sigma (M,) of the program's points
-        # the first M rows are at the points; those at crossings and of further points follow
-        torque_at_rest = [
-            torque.offset[: len(points)] for torque in program.rows.torque
-        ]  # (M,) of each motor
-        ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference  # (M, n_a)
-        return np.interp(sigma, points, (ratio**2).sum(axis=1))
 
 
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
