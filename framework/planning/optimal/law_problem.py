@@ -28,7 +28,7 @@ from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.law import compose_derivatives
 from framework.laws.optimal_law import Smoothstep
 from framework.laws.path import HIGHEST_ORDER
-from framework.laws.squared_speed import ONE_CELL, Instants, SpeedBasis
+from framework.laws.squared_speed import Instants, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.numerics.sparse_rows import SparseRows
@@ -78,15 +78,6 @@ class LawProblem(NamedTuple):
             return self.sampled.evaluate(phi, sigma)
         return demand(self.task.branch, phi, sigma)
 
-    def basis_on(self, cells: Array) -> SpeedBasis:
-        """Return the basis of z: splines on cells (k + 1,), or a series.
-
-        With a `degree` z is one series over the whole path, whatever the cells.
-        """
-        if self.degree is None:
-            return SpeedBasis.from_cells(cells)
-        return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
-
     @property
     def specification(self) -> Specification:
         return self.task.specification
@@ -132,24 +123,6 @@ class LawProblem(NamedTuple):
         drives = self.specification.drives
         cycle_time = None if drives is None else drives.cycle_time
         return cycle_time or self.specification.duration
-
-    def linearised_about(self, z: SparseRows, sigma: Array) -> Array | None:
-        """Return the squared speed (M,) about which limits of drives are linearised; None before a law.
-
-        Args:
-            z: rows (M, n) of the squared speed at sigma (M,).
-        """
-        if self.response is not None:
-            return np.maximum(z @ self.response.y, np.finfo(float).tiny)
-        return None if self.z0 is None else self.z0(sigma)
-
-    @property
-    def is_linearised(self) -> bool:
-        """Whether damping or limits of drives are linearised about a law."""
-        drives = self.specification.drives
-        if drives is None:
-            return self.task.robot.is_damped
-        return self.task.robot.is_damped or bool(drives.has_curve.any()) or self.averages_open_duration
 
     @property
     def averages_open_duration(self) -> bool:
@@ -357,7 +330,10 @@ def _curve_rows(
     drives = problem.specification.drives
     if drives is None:
         return ()
-    z0 = problem.linearised_about(z, sigma)
+    # the squared speed (M,) about which limits of drives are linearised; None before a law
+    z0 = None if problem.z0 is None else problem.z0(sigma)
+    if problem.response is not None:
+        z0 = np.maximum(z @ problem.response.y, np.finfo(float).tiny)
     curves = []
     for k in np.flatnonzero(drives.has_curve).tolist():
         no_load = drives.no_load_speed[k]

@@ -93,17 +93,20 @@ def settle_tangents(problem: LawProblem, *, enough: float = 0.0) -> Best | NoneF
             return NoneFound(resumed.program, f"the quickest found takes {result.law.duration:.4g} s")
         return resumed
     result = find_best_law(problem)
-    if not problem.is_linearised:
-        return result
     is_damped = problem.task.robot.is_damped
     averages = problem.averages_open_duration
+    drives = problem.specification.drives
+    if not (is_damped or averages or (drives is not None and drives.has_curve.any())):
+        return result  # nothing is linearised about a law
     is_about_least_peak = not problem.specification.limited
     for _ in range(MAX_TANGENTS):
         if isinstance(result, NoneFound):
             if is_about_least_peak:
                 return result
             is_about_least_peak = True
-            result = settle_tangents(_lift_torque_limits(problem), enough=1.0 - 2.0 * LIMIT_MARGIN)
+            no_limit = np.full_like(problem.reference, np.inf)  # the reference stays the same
+            open_problem = problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
+            result = settle_tangents(open_problem, enough=1.0 - 2.0 * LIMIT_MARGIN)
             if isinstance(result, NoneFound):
                 return result
             problem = _linearise(problem, result.law.squared_speed)
@@ -137,12 +140,6 @@ def settle_tangents(problem: LawProblem, *, enough: float = 0.0) -> Best | NoneF
         name=problem.task.robot.name,
         residual=error,
     )
-
-
-def _lift_torque_limits(problem: LawProblem) -> LawProblem:
-    """Return the problem of least peak torque without limits of torque; the reference stays the same."""
-    no_limit = np.full_like(problem.reference, np.inf)
-    return problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
 
 
 def adapt_found_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best:
