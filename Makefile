@@ -17,6 +17,8 @@ BIN := $(VENV)/bin
 # other. And one thread a process: threads of processes that share a core wait for one another.
 ON_ALL_CORES := --numprocesses auto --dist worksteal
 export OPENBLAS_NUM_THREADS ?= 1
+# Tests start hundreds of Pythons: what one has compiled the others read.
+unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt
 SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/null)
 METADATA := pyproject.toml constraints.txt

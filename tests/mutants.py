@@ -363,7 +363,8 @@ def judge_anew(candidate: Candidate) -> str:
 def judge_by_swapping(
     functions: list[FunctionType], session: Session, items: list[pytest.Item], candidate: Candidate
 ) -> str:
-    """Return what becomes of a mutant whose code is given to the functions that are there."""
+    """Return what becomes of a mutant whose code is given to the functions that are there, or read later."""
+    replace_sources({str(candidate.mutant.path): candidate.mutant.text()})
     new = codes(candidate.mutant.text(), candidate.mutant.path)
     for function in functions:
         code = function.__code__
@@ -432,6 +433,7 @@ def main() -> None:
         verdicts = dict[int, str]()
 
         def loop(session: Session, items: list[pytest.Item]) -> None:
+            gc.unfreeze()  # `conftest` has hidden what is there
             functions = [thing for thing in gc.get_objects() if isinstance(thing, FunctionType)]
             verdicts.update(judge_all(chosen, partial(judge_by_swapping, functions, session, items)))
 

@@ -16,6 +16,7 @@ from framework.cli.console import (
     one_line,
     printable,
 )
+from tests.watchdog import PATIENCE
 
 RED = "\x1b[31mred\x1b[0m"
 ODD = ["a\nb", "a\r\nb", RED, "\x00", "\x07", "\u202egnp", "\u2028", "\udcff", "\x85", "\xa0", "\u200b"]
@@ -26,7 +27,7 @@ def run(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **options.pop("env", {})}
     command = [sys.executable, "-m", "framework", *arguments]
     return subprocess.run(
-        command, stderr=subprocess.PIPE, text=True, env=environment, timeout=60, check=False, **options
+        command, stderr=subprocess.PIPE, text=True, env=environment, timeout=PATIENCE, check=False, **options
     )
 
 

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from framework.cli.console import FIRST, Progress, lay_out, shows_colours
+from tests.watchdog import PATIENCE
 
 STYLE = re.compile(r"\x1b\[[0-9;]*m")
 ERASED = re.compile(r"[^\n]*\r\x1b\[K")  # the progress line, where it came up
@@ -50,7 +51,7 @@ def in_terminal(*arguments: str, columns: int, **environment: str) -> tuple[int,
         pass
     os.close(ours)
     shown = b"".join(parts).decode().replace("\r\n", "\n")
-    return running.wait(timeout=60), ERASED.sub("", shown)
+    return running.wait(timeout=PATIENCE), ERASED.sub("", shown)
 
 
 @pytest.mark.parametrize("columns", [60, 80, 100, 120])
@@ -151,7 +152,7 @@ def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr("framework.cli.console.FIRST", 0.05)
     monkeypatch.setattr("framework.cli.console.INTERVAL", 0.05)
-    shown, latest = "", time.monotonic() + 60.0
+    shown, latest = "", time.monotonic() + PATIENCE
     with Progress("at work") as progress:
         progress.start("mapping", 40.0, "poses")(10.0)
         while "mapping: 25 % of 40 poses in " not in shown and time.monotonic() < latest:
@@ -170,8 +171,7 @@ def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch
 def test_short_work_and_logs_are_spared(monkeypatch, capsys, terminal, term, lasts):
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
     monkeypatch.setenv("TERM", term)
-    if lasts:
-        monkeypatch.setattr("framework.cli.console.FIRST", 0.05)
+    monkeypatch.setattr("framework.cli.console.FIRST", 0.05 if lasts else 60.0)
     assert FIRST <= 2.0
     with Progress("at work"):
         time.sleep(lasts)

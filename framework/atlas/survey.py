@@ -138,18 +138,17 @@ def survey_window(
         constants=point,
     )
     survey = outermost
-    window, poses = _reached_window(robot, survey, outermost, keep_limits)
-    is_larger = True
-    while is_larger and survey.shape[0] < max_survey_edge_poses:
+    window, poses, may_grow = _reached_window(robot, survey, outermost, keep_limits)
+    while may_grow and survey.shape[0] < max_survey_edge_poses:
         known = window
         survey = replace(survey, shape=grid_shape(columns, 2 * survey.shape[0] - 1))
-        window, poses = _reached_window(robot, survey, outermost, keep_limits, coarser=poses)
-        is_larger = bool(np.any(window.lower < known.lower) or np.any(window.upper > known.upper))
+        window, poses, may_grow = _reached_window(robot, survey, outermost, keep_limits, coarser=poses)
+        may_grow &= bool(np.any(window.lower < known.lower) or np.any(window.upper > known.upper))
     if np.any(window.upper - window.lower < survey.upper - survey.lower):
         # no longer cells than those that reached the poses
         edge_poses = int(np.ceil(((window.upper - window.lower) / survey.cell).max())) + 1
         fine = replace(window, shape=grid_shape(columns, max(edge_poses, survey_edge_poses)))
-        window, _ = _reached_window(robot, fine, outermost, keep_limits)
+        window, *_ = _reached_window(robot, fine, outermost, keep_limits)
     if only_turns and window.upper[0] - window.lower[0] > 2 * np.pi:
         window = replace(window, lower=middle - np.pi, upper=middle + np.pi)
     return replace(window, shape=grid_shape(columns, size))
@@ -161,8 +160,10 @@ def _reached_window(
     outermost: Window,
     keep_limits: bool,
     coarser: GridPoses | None = None,
-) -> tuple[Window, GridPoses]:
-    """Return the window about the reached poses of a survey, with a margin; return also all poses.
+) -> tuple[Window, GridPoses, bool]:
+    """Return the window about the reached poses of a survey, with a margin.
+
+    Return also all poses, and whether some edge of the survey is not reached: else its window is the largest.
 
     Args:
         survey: the window of the survey.
@@ -184,7 +185,8 @@ def _reached_window(
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin
     cut_lower = np.maximum(lower, outermost.lower)
     cut_upper = np.minimum(upper, outermost.upper)
-    return replace(survey, lower=cut_lower, upper=cut_upper), poses
+    has_gap = np.ptp(indices, axis=0) + 1 < survey.shape[: len(survey.axes)]  # (k,) between poses and edges
+    return replace(survey, lower=cut_lower, upper=cut_upper), poses, bool(has_gap.any())
 
 
 def seed_poses(

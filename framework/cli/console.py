@@ -169,7 +169,11 @@ def add_colour(text: str, colour: str) -> str:
 
 
 def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
-    """Lay a report out in `width` columns; None: lines of any length."""
+    """Lay a report out in `width` columns; None: lines of any length.
+
+    Successive lines with tabs are the rows of a table. In other lines a label, such as "  warning", ends at
+    two spaces or at a comma.
+    """
     lines: list[str] = []
     for tabbed, rows in itertools.groupby(text.split("\n"), lambda line: "\t" in line):
         if tabbed:

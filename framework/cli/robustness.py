@@ -31,6 +31,7 @@ from framework.control.study import (
     CONTROLLERS,
     FILE,
     GAINS,
+    RUNS_PER_CHUNK,
     SensorTrial,
     Study,
     StudySetup,
@@ -237,13 +238,14 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
     with arguments.written_stepwise(options, FILE, FILES, describe_kept) as folder:
         setup, predictions, trials = _choose_setup(options)
         controllers = {name: setup.controller(name) for name in _controller_names(options)}
-        # robots per process, rounded up, each of which has a run with every controller
-        chunk = None if options.dask else -(-options.runs // options.workers)
         out = None if options.out is None else Path(options.out)
+        most = RUNS_PER_CHUNK
         if out is not None:
             store = run_store(out, setup.to_dict(), list(controllers))
-            most = max(1, STORED_RUNS // len(controllers))
-            chunk = min(chunk or most, most)
+            most = STORED_RUNS
+        # chunks of about as many robots, a multiple of the processes; a robot has a run with each controller
+        robots = max(1, most // len(controllers))
+        chunks = options.workers * -(-options.runs // (options.workers * robots))
         studies = run_studies(
             controllers,
             setup.loop,
@@ -251,7 +253,7 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
             runs=options.runs,
             seed=setup.seed,
             executor=executor,
-            chunk=chunk,
+            chunk=-(-options.runs // chunks),
             keeper=store,
             progress=options.progress.start("simulating", options.runs * len(controllers), "runs"),
         )

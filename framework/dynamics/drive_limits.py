@@ -108,25 +108,26 @@ def drive_limits(
     rms = motor_limits(robot, "rms_torque_limit", rms_torque_limit)
     has_corner, curved = np.isfinite(corner), np.isfinite(no_load)
     names = np.array(robot.actuator_names)
-    for present, absent, missing in (
-        (has_corner, ~curved, "no_load_speed"),
-        (curved, ~has_corner, "corner_speed"),
+    for missing, lacks_it in (
+        ("no_load_speed", has_corner & ~curved),
+        ("corner_speed", curved & ~has_corner),
     ):
-        if (present & absent).any():
-            joint = names[present & absent][0]
+        if lacks_it.any():
+            joint = names[lacks_it][0]
             raise InvalidInput(f"{missing}: needed for the torque-speed curve of {joint}, which has none")
     if (curved & (corner >= no_load)).any():
         k = np.flatnonzero(curved & (corner >= no_load))[0]
         raise InvalidInput(
             f"corner_speed: {names[k]} needs less than its no_load_speed {no_load[k]:g}, got {corner[k]:g}"
         )
-    has_torque = np.isfinite(torque_limit)
-    if (curved & ~has_torque).any() and any(limit is not None for limit in stated.values()):
+    # without a torque limit there is no curve: an error if one is asked for, no curve if the limit was lifted
+    is_lifted = np.isinf(torque_limit)
+    if (curved & is_lifted).any() and any(limit is not None for limit in stated.values()):
         raise InvalidInput(
-            f"torque_limit: needed for the torque-speed curve of {names[curved & ~has_torque][0]}, has none"
+            f"torque_limit: needed for the torque-speed curve of {names[curved & is_lifted][0]}, has none"
         )
-    no_load = np.where(has_torque, no_load, np.inf)
-    corner = np.where(has_torque, corner, np.inf)
+    no_load = np.where(is_lifted, np.inf, no_load)
+    corner = np.where(is_lifted, np.inf, corner)
     if np.isinf(no_load).all() and np.isinf(rms).all():
         return None
     return DriveLimits(torque_limit, corner, no_load, rms, cycle_time)

@@ -210,11 +210,11 @@ def motion_and_load(
 def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> tuple[Array, Array, Array]:
     """Select the load from forces (T, nv), and fit the multipliers of the loops.
 
-    J' lambda = load holds in the least squares: J' = Q R gives lambda = R^-1 Q' load.
+    C' lambda = load of `constraint_rows` holds in the least squares: C' = Q R gives lambda = R^-1 Q' load.
 
     Returns:
-        The load (T, f) of the columns that move while the motors are locked; lambda (T, m); the orthonormal
-        null space Y (T, f, n_e) of J.
+        The load (T, f) of the columns that move while the motors are locked; the lambda (T, m) of the loops,
+        without those of redundant motors; the orthonormal null space Y (T, f, n_e) of C.
     """
     columns, units = locked_columns(robot)
     Q, R, Y = factor_transposed(constraint_rows(robot, motion.linearised))

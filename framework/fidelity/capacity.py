@@ -222,7 +222,7 @@ def _bracket_capacity(task: _Multiples) -> Capacity:
         capacity = task.try_multiple(multiple, capacity)
         evidence = None if capacity.refusal is None else capacity.refusal.evidence
         if capacity.refused == multiple and isinstance(evidence, SearchEvidence):
-            peaks.append((multiple, evidence.least.torque_peak or 0.0))
+            peaks.append((multiple, evidence.torque_peak or 0.0))
         if (1.0 + BRACKET_RATIO) * capacity.multiple >= capacity.end:
             break
         multiple = _choose_multiple(capacity, peaks)

@@ -141,9 +141,10 @@ def share_working_mode(robot: ParallelRobot, starts: ModeStates, ends: ModeState
 def _continues_map(start: Array, end: Array) -> BoolArray:
     """Return whether maps from twists to joint rates (..., k, f) have no flipped leg from start to end.
 
-    A flipped leg is a negative eigenvalue of G_1^+ G_2, and one at its singularity an eigenvalue that is
-    huge. Rounding may split two equal ones into a complex pair, so all within 45 degrees of the negative axis
-    count.
+    If the joints of a leg turn back for the same twist, G_2 t = -c G_1 t with c > 0, then G_1^+ G_2 has the
+    eigenvalue -c; if they only change their rates it is positive, and near a singularity of the leg it grows
+    without bound. Rounding may split two equal negative ones into a complex pair, so all within 45 degrees of
+    the negative axis count as negative.
     """
     Q, R = np.linalg.qr(start)
     ratio = np.linalg.solve(R, Q.swapaxes(-1, -2) @ end)  # (..., f, f) G_1^+ G_2

@@ -186,15 +186,15 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     )
 
 
-def _pose_derivatives(robot: ParallelRobot, closed: LinearisedLoops, columns: IntArray) -> PoseSlopes:
-    """Compute the derivatives of pose and matrices along the joints `columns` (k,), loops closed.
+def _pose_derivatives(robot: ParallelRobot, pose: LinearisedLoops, columns: IntArray) -> PoseSlopes:
+    """Compute the derivatives of one pose and its A, B, C along the joints `columns` (k,), loops closed.
 
     The passive joints close the loops; motors and springs that are not among the columns rest.
     """
-    copies = closed.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
+    copies = pose.select(np.zeros(len(columns), dtype=np.intp))  # T = k, one for each joint
     steps = rates_closing_loops(robot, copies, np.eye(robot.nv)[columns])  # (k, nv)
     jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
-    _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
-    twists = closed.platform[0] @ steps.T  # (n, k)
-    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # of v = E dx
-    return PoseSlopes(steps.T, dx, *slopes)  # the slopes are those of A, B and C
+    _, (slopes_A, slopes_B, slopes_C) = matrices_and_derivatives(robot, copies, jacobian_slopes)
+    twists = pose.platform[0] @ steps.T  # (n, k)
+    dx = np.linalg.solve(robot.platform.rate_matrix(pose.x)[0], twists)  # of twist = E dx
+    return PoseSlopes(steps.T, dx, slopes_A, slopes_B, slopes_C)

@@ -147,8 +147,11 @@ def robot_document(description: RobotDescription) -> Document:
 
 
 def _joint_entries(description: RobotDescription) -> Document:
-    """Return the entries of `joints` by coordinate, of a ball with equal dynamics about all axes by joint."""
-    dynamics = dict(description.joints)
+    """Return the entries of `joints`, one for each coordinate of a joint with its own dynamics.
+
+    A ball with equal dynamics about all of its axes has one entry by the name of the joint.
+    """
+    dynamics = dict(description.joints)  # by coordinate
     for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
         about_axes = [dynamics.get(coordinate) for coordinate in joint.coordinates]
         if len(about_axes) > 1 and about_axes[0] and len(set(about_axes)) == 1:

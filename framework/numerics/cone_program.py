@@ -59,12 +59,12 @@ class ConeProgram:
     value of the first function must be at least the norm of the values of the others.
     """
 
-    sizes: Mapping[str, int]  # number of unknowns by name
-    cost: Mapping[str, Array] = field(default_factory=dict)  # (size,) by name
+    sizes: dict[str, int] = field(default_factory=dict)  # number of unknowns by name
+    cost: dict[str, Array] = field(default_factory=dict)  # (size,) by name
     square: AffineRows | None = None  # rows whose sum of squares is added to the cost
-    equal: Sequence[AffineRows] = ()  # rows that must be zero
-    nonnegative: Sequence[AffineRows] = ()  # rows that must not be negative
-    cones: Sequence[Sequence[AffineRows]] = ()
+    equal: list[AffineRows] = field(default_factory=list)  # rows that must be zero
+    nonnegative: list[AffineRows] = field(default_factory=list)  # rows that must not be negative
+    cones: list[list[AffineRows]] = field(default_factory=list)
 
     @cached_property
     def columns(self) -> dict[str, slice]:

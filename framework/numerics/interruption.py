@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
-from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 Handler = Callable[[int, FrameType | None], object]
@@ -38,17 +37,34 @@ def _signal_of(stop: KeyboardInterrupt) -> signal.Signals:
 
 @dataclass
 class Heard:
-    """A record of the interruption that has arrived, if any.
+    """A handler of signals that raises an interruption for the first one, and a record of it.
 
-    Other code may catch the exception and raise another one instead; the record shows that it was raised.
+    Further signals are ignored. Other code may catch the exception and raise another one, or none, instead;
+    the record shows that it was raised.
     """
 
     stop: KeyboardInterrupt | None = None  # Terminated after SIGTERM
+    is_lost: bool = False  # Python has dropped the exception: the next signal raises it again
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Raise `Terminated` or KeyboardInterrupt for the first signal."""
+        if self.stop is None or self.is_lost:
+            warnings.simplefilter("ignore")  # an interrupted import may warn
+            self.is_lost = False
+            self.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+            raise self.stop
 
     def check(self) -> None:
         """Raise the interruption once more, if one has arrived."""
         if self.stop is not None:
             raise self.stop from None
+
+
+def check_interruption() -> None:
+    """Raise the interruption that other code has caught, if one has arrived in an `interruptible` block."""
+    for handler in map(signal.getsignal, SIGNALS):
+        if isinstance(handler, Heard):
+            handler.check()
 
 
 @contextmanager
@@ -67,26 +83,18 @@ def interruptible() -> Iterator[Heard]:
         return
     heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
-    def stop(number: int, frame: FrameType | None) -> NoReturn:
-        """Ignore further signals; raise `Terminated` or KeyboardInterrupt for this one."""
-        for further in heeded:
-            signal.signal(further, signal.SIG_IGN)
-        warnings.simplefilter("ignore")  # an interrupted import may warn
-        heard.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
-        raise heard.stop
-
     def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
         """Repeat an interruption that Python has dropped; report other dropped exceptions."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return
         number = _signal_of(unraisable.exc_value)
-        signal.signal(number, stop)
+        heard.is_lost = True
         # `Thread.start` would wait, and could be interrupted
         _thread.start_new_thread(_send_again, (number, threading.get_ident(), has_ended))
 
     has_ended = threading.Event()  # the block
-    with _handle_signals(heeded, stop), warnings.catch_warnings():
+    with _handle_signals(heeded, heard), warnings.catch_warnings():
         hook, sys.unraisablehook = sys.unraisablehook, raise_lost
         try:
             yield heard

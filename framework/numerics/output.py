@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, OutputError
 from framework.numerics.input import read_text
-from framework.numerics.interruption import defer_signals
+from framework.numerics.interruption import check_interruption, defer_signals
 
 # those on which the last bit of results depends
 PROGRAM = "parallel-singularity-crossing"  # in pages, pictures and models, as their generator
@@ -68,6 +68,7 @@ def written_together(
                 _check_overwritten(folder, [document, *files], document, complaint)
             yield temporary
 
+            check_interruption()  # which the block may have lost
             # the block has ended without an error: its files replace older ones
             new_files = sorted(temporary.iterdir())
             names = [written.name for written in new_files]

@@ -39,7 +39,7 @@ from framework.laws.path import (
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.plan import plan_crossing
-from framework.planning.request import DRIVE_OPTIONS, SMOOTHNESS, specification_of
+from framework.planning.request import DRIVE_OPTIONS, MOTOR_LIMITS, SMOOTHNESS, specification_of
 from framework.planning.result import Crossing, CrossingPlan
 from framework.tolerances import AT_REST, SEAM_JUMP, SEAM_JUMP_GROWTH
 
@@ -138,9 +138,7 @@ def chain_plans(plans: Sequence[CrossingPlan], times: Sequence[float] = ()) -> C
     request = replace(
         plans[0].request,
         path=path,
-        torque_limit=_loosest_limit(plans, "torque_limit"),
-        speed_limit=_loosest_limit(plans, "speed_limit"),
-        **_loosest_drives(plans),
+        **_loosest_limits(plans),
         times=None,
         speeds=None,
         at=None,
@@ -237,11 +235,6 @@ class MotionPath:
     leaves: tuple[float, ...]
 
     @property
-    def pieces(self) -> tuple[InverseDynamics, ...]:
-        """The motions (k,) of the plans."""
-        return tuple(plan.dynamics for plan in self.plans)
-
-    @property
     def starts(self) -> Array:
         """The instants (k + 1,) [s] at which the pieces begin, and the end."""
         return np.concatenate([[0.0], np.cumsum(self.leaves)])
@@ -254,14 +247,14 @@ class MotionPath:
     @property
     def n(self) -> int:
         """The number of coordinates."""
-        return self.pieces[0].path.n
+        return self.plans[0].path.n
 
     @property
     def knots(self) -> Array:
         """The ends of the panels on which the motion is analytic, (m,) inside (0, 1)."""
         edges = [
-            start + piece.torques.edges[piece.torques.edges < leave]
-            for piece, start, leave in zip(self.pieces, self.starts, self.leaves, strict=False)
+            start + plan.dynamics.torques.edges[plan.dynamics.torques.edges < leave]
+            for plan, start, leave in zip(self.plans, self.starts, self.leaves, strict=False)
         ]
         return np.unique(np.concatenate(edges))[1:] / self.duration
 
@@ -271,9 +264,9 @@ class MotionPath:
         t = values.ravel() * self.duration
         index = np.searchsorted(self.starts[1:-1], t, side="right")
         result = np.empty((len(t), self.n))
-        for k, (piece, leave) in enumerate(zip(self.pieces, self.leaves, strict=True)):
+        for k, (plan, leave) in enumerate(zip(self.plans, self.leaves, strict=True)):
             times = np.clip(t[index == k] - self.starts[k], 0.0, leave)
-            result[index == k] = piece.platform(times, order) * self.duration**order
+            result[index == k] = plan.platform(times, order) * self.duration**order
         return result.reshape(*values.shape, self.n)
 
 
@@ -319,26 +312,23 @@ def _has_varying_wrenches(plan: CrossingPlan) -> bool:
     return any(entry.rows.ndim == 2 for entry in plan.dynamics.wrenches.entries)
 
 
-def _loosest_limit(plans: Sequence[CrossingPlan], name: str) -> tuple[float | None, ...] | None:
-    """Return for each motor the largest limit of the plans, margins subtracted; None for the robot file's.
+def _loosest_limits(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
+    """Return options of the largest limits (n_a,) of the plans, less margins, and their cycle time.
 
-    Each plan keeps its own limits, and so the motion of all keeps the largest.
+    Each plan keeps its own limits, and so the motion of all keeps the largest. None stands for those of the
+    robot file.
     """
-    if all(getattr(plan.request, name) is None and not plan.request.margin for plan in plans):
-        return None
-    limits = [getattr(specification_of(plan.robot, plan.request), name) for plan in plans]  # (n_a,) each
-    return shortest_form(np.max(limits, axis=0))
-
-
-def _loosest_drives(plans: Sequence[CrossingPlan]) -> dict[str, Any]:
-    """Return options of curves and RMS torques that all plans keep, and their cycle time."""
-    all_drives = [specification_of(plan.robot, plan.request).drives for plan in plans]
-    loosest: dict[str, Any] = dict.fromkeys(DRIVE_OPTIONS)
-    stated = {name for name in DRIVE_OPTIONS for plan in plans if getattr(plan.request, name) is not None}
-    if stated or any(plan.request.margin for plan in plans):
-        unlimited = (np.full(plans[0].robot.n_a, np.inf),) * 4
-        limits = [drives or DriveLimits(*unlimited, None) for drives in all_drives]
-        corner, no_load, rms = envelop_drives(limits)
+    specifications = [specification_of(plan.robot, plan.request) for plan in plans]
+    has_margin = any(plan.request.margin for plan in plans)
+    loosest: dict[str, Any] = dict.fromkeys(MOTOR_LIMITS)
+    stated = {name for name in MOTOR_LIMITS for plan in plans if getattr(plan.request, name) is not None}
+    for name in ("torque_limit", "speed_limit"):
+        if has_margin or name in stated:
+            limits = [getattr(specification, name) for specification in specifications]
+            loosest[name] = shortest_form(np.max(limits, axis=0))
+    if has_margin or stated.intersection(DRIVE_OPTIONS):
+        unlimited = DriveLimits(*(np.full(plans[0].robot.n_a, np.inf),) * 4, None)
+        corner, no_load, rms = envelop_drives([each.drives or unlimited for each in specifications])
         loosest["rms_torque_limit"] = shortest_form(rms)
         loosest["corner_speed"], loosest["no_load_speed"] = shortest_form(corner), shortest_form(no_load)
     cycles = [plan.request.cycle_time for plan in plans]
@@ -412,18 +402,18 @@ def _join(path: MotionPath, law: Law, friction: Array) -> InverseDynamics:
     Args:
         friction: dry, of the motors (n_a,) [N m, N], motor side.
     """
-    first, pieces = path.pieces[0], path.pieces
+    pieces = [plan.dynamics for plan in path.plans]
     join = partial(_join_functions, path)
     motor_angles = join([piece.motor_angles for piece in pieces])
     return replace(
-        first,
+        pieces[0],
         path=path,
         law=law,
         torques=join([piece.torques for piece in pieces]),
         motor_angles=motor_angles,
         deflections=join([piece.deflections for piece in pieces]),
         deflection_rates=tuple(join([piece.deflection_rates[k] for piece in pieces]) for k in range(2)),
-        offsets=join([_offsets_from(first.origin, piece) for piece in pieces]),
+        offsets=join([_offsets_from(pieces[0].origin, piece) for piece in pieces]),
         crossings=_join_crossings(path),
         certificate=_join_certificates(path, motor_angles),
         friction=PlannedFriction.from_speed(friction, partial(motor_angles, order=1), path.duration),
@@ -459,12 +449,8 @@ def _join_crossings(path: MotionPath) -> tuple[Crossing, ...]:
 
 
 def _join_certificates(path: MotionPath, motor_angles: TimeFunction) -> Certificate:
-    """Return the worst numbers of all pieces' certificates, the sums of counts, and the speed at the ends.
-
-    Args:
-        motor_angles: (n_a) of the whole motion.
-    """
-    certificates = [piece.certificate for piece in path.pieces]
+    """Return the worst numbers of all pieces' certificates, the sums of counts, and the speed at the ends."""
+    certificates = [plan.certificate for plan in path.plans]
     each = [asdict(certificate) for certificate in certificates]
     worst: dict[str, Any] = {name: max(numbers[name] for numbers in each) for name in each[0]}
     times = np.linspace(0.0, path.duration, END_SAMPLES)

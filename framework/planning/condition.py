@@ -40,7 +40,6 @@ def require_effect(branch: Branch, crossing: SingularPoint, *, deflected: bool) 
     """Return a crossing point unchanged; refuse one whose condition (8) no s" meets.
 
     Args:
-        crossing: the point, with its condition.
         deflected: whether the condition was computed with deflections.
 
     Raises:
@@ -78,7 +77,6 @@ def coefficients_at(branch: Branch, crossing: SingularPoint, deflection: Array |
         delta: damping at s' = 1, and the inertial forces that are bilinear in s' and the deflection rates
 
     Args:
-        crossing: the point at which the condition holds.
         deflection: (3, n_e) deflections at the crossing and two time derivatives; None for springs at rest.
     """
     robot, path = branch.robot, branch.path

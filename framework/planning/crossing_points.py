@@ -62,7 +62,6 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
 
     Args:
         searched: the path with its singular points, without wrenches.
-        explained: field of the result.
 
     Raises:
         InvalidInput: the number of times or speeds is not that of the points.
@@ -97,11 +96,7 @@ def path_to_cross(searched: SearchedPath, request: Request, *, explained: bool =
 
 
 def _check_counts(request: Request, points: Sequence[SingularPoint]) -> None:
-    """Refuse another number of times or speeds than of points to cross.
-
-    Args:
-        points: the singular points, which are to be crossed unless the request imposes others.
-    """
+    """Refuse another number of times or speeds than of points to cross, by default the singular `points`."""
     count = len(points if request.at is None else request.at)
     for name, values in (("times", request.times), ("speeds", request.speeds)):
         if values is None or len(values) == count:
@@ -144,9 +139,6 @@ def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoin
 
     Where the path touches the locus, finite torques need condition (8), t_s . W_p = 0, and its time
     derivative. A point where several motions t_s are uncontrolled at once needs one condition for each.
-
-    Raises:
-        NoLaw: there is such a point; the message names a remedy.
     """
     for singular in points:
         if singular.is_imposed:

@@ -237,17 +237,11 @@ def _choose_line(robot: ParallelRobot, start: Array, goal: Array) -> tuple[Joint
 def _rate_sets(
     robot: ParallelRobot, q: Array, sets: Sequence[Names] | None = None
 ) -> tuple[Sequence[Names], Array]:
-    """Compute how well n joints determine all others at poses q (T, nq), by set of joints.
+    """Compute how well n joints determine all others at poses q (T, nq); return sets and values (S,).
 
     The motions that close the loops are spanned by N (moving, n), with N' N = 1. Rates of the joints of a set
     determine such a motion by the rows of N that belong to them: the worse, the smaller their least singular
-    value, which is 1 at best.
-
-    Args:
-        sets: names of n passive joints each; by default all.
-
-    Returns:
-        The sets; their least singular values over all poses (S,).
+    value over all poses, which is 1 at best. By default all sets of passive joints are compared.
     """
     if sets is None:
         sets = list(islice(combinations(passive_joints(robot), robot.n), MAX_SETS))
@@ -264,11 +258,8 @@ def _rate_sets(
 def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
     """Find places (n,) where lines end at a stretched leg, nearest first.
 
-    Lines of the platform lead in many directions; a folded leg ends them too.
-
-    Args:
-        start: the pose (nq,) at which all lines begin.
-        x: its platform coordinates (n,).
+    Lines of the platform lead from the pose `start` (nq,), at x (n,), in many directions; a folded leg ends
+    them too.
     """
     random = np.random.default_rng(0).normal(size=(DIRECTIONS, robot.n))
     axes = np.eye(robot.n)
@@ -291,7 +282,7 @@ def _find_folds(robot: ParallelRobot, start: Array, x: Array) -> list[Array]:
 def _pass_fold(
     robot: ParallelRobot, start: Array, x_start: Array, x_fold: Array, x_goal: Array
 ) -> Array | None:
-    """Follow poses to a fold of a leg and to another place; None if refused.
+    """Follow poses (FOLD_POSES, nq) to a fold of a leg and to another place; None if refused.
 
     At a fold the platform moves as the square of what the joints do. So it goes as
 
@@ -299,9 +290,6 @@ def _pass_fold(
 
     under which all joints move smoothly in u. Each pose is extrapolated from the three before it, through the
     fold to the flipped leg, and closed by Newton's method.
-
-    Returns:
-        Poses (FOLD_POSES, nq).
     """
     u = np.linspace(-1.0, 1.0, FOLD_POSES)[:, None]
     x = x_fold + 0.5 * u**2 * (

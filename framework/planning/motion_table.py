@@ -90,11 +90,9 @@ def sample_times(
 def motion_table(
     dynamics: InverseDynamics, times: Array, columns: Sequence[str] | None = None
 ) -> MotionTable:
-    """Sample a motion.
+    """Sample a motion at instants (T,) [s].
 
     Args:
-        dynamics: the motion with its torques.
-        times: instants (T,) [s].
         columns: names of columns, or prefixes that several names share, such as torque; all by default.
 
     Raises:
@@ -172,26 +170,13 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
 def _quantity_columns(
     prefix: str, names_and_units: NamesAndUnits, description: str, order: int = 0
 ) -> list[Column]:
-    """Return a column for each component of a quantity or of its time derivative.
-
-    Args:
-        prefix: beginning of the columns' names; the names of the components follow.
-        names_and_units: of the components.
-        description: of all these columns.
-        order: of the time derivative; the units are divided by s^order.
-    """
+    """Return a column for each component of a quantity or of its time derivative of an order."""
     pairs = zip(*names_and_units, strict=True)
     return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in pairs]
 
 
 def _rate_columns(prefix: str, names_and_units: NamesAndUnits, description: str) -> list[Column]:
-    """Return the columns of the first and second time derivatives of a quantity.
-
-    Args:
-        prefix: beginning of the columns' names, such as "motor" of "motor_velocity_NAME".
-        names_and_units: of the components of the quantity.
-        description: names the quantity behind "time derivative", as in "of the deflection".
-    """
+    """Return the columns of the first and second time derivatives, as "of the deflection"."""
     derivative = f"time derivative {description}"
     return [
         *_quantity_columns(f"{prefix}_velocity", names_and_units, derivative, 1),

@@ -105,11 +105,6 @@ def _list_uses(
     return uses
 
 
-def find_largest_use(dynamics: InverseDynamics, specification: Specification) -> MotorUse | None:
-    """Return the use of largest ratio; None without limits."""
-    return max(motor_uses(dynamics, specification), key=lambda use: use.ratio, default=None)
-
-
 def raise_drives(dynamics: InverseDynamics, drives: DriveLimits, share: float) -> dict[str, Array]:
     """Return curves and RMS torque limits by option, raised to hold a motion.
 

@@ -25,7 +25,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -168,11 +167,7 @@ class ModelOnMotion:
 
     @cached_property
     def first_pass(self) -> Pass:
-        """Motion and forces of the other model at the known deflections.
-
-        Raises:
-            NoAnswer: as `compute_pass`.
-        """
+        """Motion and forces of the other model at the known deflections."""
         return self.compute_pass(self.known_deflections())
 
     def resolve(self, geometry: str) -> InverseDynamics:
@@ -236,11 +231,7 @@ class ModelOnMotion:
 
     @cached_property
     def first_torque(self) -> Array:
-        """The motors' torques (T, n_a) [N m or N] of the first pass, at the nodes.
-
-        Raises:
-            NoAnswer: as `compute_pass` and `torque`.
-        """
+        """The motors' torques (T, n_a) [N m or N] of the first pass, at the nodes."""
         return self.torque(self.first_pass)
 
     def torque_with(self, coordinates: Sequence[str]) -> Array:
@@ -248,9 +239,6 @@ class ModelOnMotion:
 
         Args:
             coordinates: of these springs, by name. All others deflect as in the motion, or not at all.
-
-        Raises:
-            NoAnswer: as `compute_pass` and `torque`.
         """
         is_deflecting = np.isin(self.robot.elastic_names, coordinates)
         deflections = np.where(is_deflecting, self.first_pass.caused, self.known_deflections())
@@ -359,7 +347,7 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
     peaks = largest_by_unit(robot, torque_peaks)
     effects = [
         _measure_effect(robot, peaks, effect, difference)
-        for effect, difference in chain(_spring_differences(dynamics), _friction_differences(dynamics))
+        for effect, difference in _list_differences(dynamics)
     ]
     effects += _idle_turn_effects(dynamics, peaks)
     effects += map(NeglectedEffect, robot.description.left_out)
@@ -394,15 +382,11 @@ def _measure_effect(
     return NeglectedEffect(effect, float(largest[motor]), joint, float(shares[motor]))
 
 
-# ------------------------------------------------------------------ springs
-
-
-def _spring_differences(dynamics: InverseDynamics) -> Differences:
+def _list_differences(dynamics: InverseDynamics) -> Differences:
     """Yield descriptions of effects, each with a function that computes its torques (T, n_a).
 
-    The effects are those of springs left rigid, and of geometry and inertia of active springs. The model with
-    all springs measures them. It is made when the first effect is computed, so that a failure to make it is
-    reported with that effect.
+    The model with all springs measures springs left rigid, and geometry and inertia of active springs. It is
+    made when the first effect is computed, so that a failure to make it is reported with that effect.
     """
     robot, description = dynamics.robot, dynamics.robot.description
     all_springs = FLEXIBILITIES[-1]
@@ -441,23 +425,18 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
             lambda: elastic_model().first_torque - elastic_model().planned_torque,
         )
 
-
-# ------------------------------------------------------------------ friction, idle turns
-
-
-def _friction_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the effect of the dry friction that the torques do not contain."""
-    robot, friction = dynamics.robot, neglected_friction(dynamics)
-    if not friction.any():
-        return
-
-    def difference() -> Array:
-        """Compute the change of torque (T, n_a) by the friction."""
+    def torque_of_friction() -> Array:
+        """Compute the change of torque (T, n_a) by the dry friction that the torques do not contain."""
         with_friction = ModelOnMotion.of(dynamics, robot, friction=friction)
         without = replace(with_friction, friction=None)
         return with_friction.first_torque - without.first_torque
 
-    yield f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)", difference
+    friction = neglected_friction(dynamics)
+    if friction.any():
+        yield (
+            f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)",
+            torque_of_friction,
+        )
 
 
 def neglected_friction(dynamics: InverseDynamics) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -143,7 +144,12 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
     if request.kind == "optimal":  # by a goal, or by limits without a duration
-        return _plan_goal(to_cross, request)
+        wish = "a duration left open" if request.optimize is None else f"optimize {request.optimize}"
+        try:
+            return _plan_optimal(to_cross, request, f"{wish} asks for it")
+        except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
+            with limit_time(None):  # the time limit is for the search of the optimal law alone
+                return _plan_polynomial_instead(to_cross, request, refusal)
     # Polynomials through several points seldom advance, s' > 0. Without springs, n_e = 0, an optimal law is
     # found sooner than times and speeds with which a polynomial advances.
     may_be_optimal = request.may_be_optimal
@@ -169,24 +175,6 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             "rms_torque_limit none that of RMS torques",
         ),
     )
-
-
-def _plan_goal(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with the optimal law or, if none is found, with a polynomial within the limits.
-
-    Raises:
-        NoAnswer: the refusal of the optimal law, if no polynomial replaces it.
-    """
-    goal = f"optimize {request.optimize}"
-    wish = goal if request.optimize is not None else "a duration left open"
-    try:
-        return _plan_optimal(to_cross, request, f"{wish} asks for it")
-    except (NoLaw, NotAssembled, NotConverged, SearchEnded) as refusal:
-        with limit_time(None):  # the time limit is for the search of the optimal law alone
-            plan = _find_polynomial_instead(to_cross, request, refusal)
-        if plan is None:
-            raise
-        return plan
 
 
 def _plan_without_polynomial(
@@ -219,28 +207,18 @@ def _plan_without_polynomial(
                 raise both.with_changes(proof=proof, evidence=no_optimal.evidence) from None
             # another tolerance resolves the polynomial whatever the optimal law; other remedies were tried
             raise both.advising(both.remedy if "tolerance" in (both.remedy or {}) else None) from None
-        plan = _find_polynomial_instead(to_cross, request, no_optimal)
-        if plan is None:
-            raise
-        return plan
+        return _plan_polynomial_instead(to_cross, request, no_optimal)
 
 
-def _find_polynomial_instead(
-    to_cross: PathToCross, request: Request, no_optimal: NoAnswer
-) -> CrossingPlan | None:
-    """Find a polynomial of a requested duration within the limits; None without one.
-
-    Args:
-        no_optimal: the refusal of the optimal law, which the polynomial replaces.
-    """
-    if request.duration is None:
-        return None
-    try:
-        plan = plan_polynomial(to_cross, request)
-    except NoAnswer:
-        return None
-    reason = f"the polynomial, as the optimal law is not found: {no_optimal.sentence}"
-    return replace(plan, reason=reason) if _limit_ratio(plan) <= 1.0 else None
+def _plan_polynomial_instead(to_cross: PathToCross, request: Request, no_optimal: NoAnswer) -> CrossingPlan:
+    """Plan with a polynomial of the requested duration within the limits, or raise `no_optimal`."""
+    if request.duration is not None:
+        with suppress(NoAnswer):
+            plan = plan_polynomial(to_cross, request)
+            if _limit_ratio(plan) <= 1.0:
+                reason = f"the polynomial, as the optimal law is not found: {no_optimal.sentence}"
+                return replace(plan, reason=reason)
+    raise no_optimal
 
 
 def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
@@ -248,9 +226,6 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
 
     If it nearly stops, any optimal law is better. If its largest torque is beside a near miss of the locus,
     one of lower peak torque is.
-
-    Args:
-        plan: with the polynomial, within the limits.
     """
     speed_ratio = plan.law.least_speed_ratio(plan.request.smoothness, plan.request.ends)
     nearly_stops = bool(plan.crossings) and speed_ratio < MIN_POLYNOMIAL_ADVANCE
@@ -320,11 +295,7 @@ def _peak_text(plan: CrossingPlan) -> str:
 
 
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
-    """Plan with the optimal law.
-
-    Args:
-        reason: for the choice of this law, in words.
-    """
+    """Plan with the optimal law, for a reason in words."""
     from framework.planning.optimal.optimal_motion import optimal_motion  # slow to import, seldom needed
     from framework.planning.optimal.optimal_task import Task
 
@@ -360,9 +331,6 @@ def uncertified_law(
 def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """Compute the law of a request before its proof, and its crossings, as `uncertified_law` does.
 
-    Args:
-        searched: the path with its singular points.
-
     Raises:
         InvalidInput, NoAnswer: as `uncertified_law`.
     """
@@ -391,10 +359,6 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     An option with the value None is to be left out. A kind of law that was refused is not advised again. The
     optimal law is advised only if condition (8) admits a law. A motion was certified with each advised limit
     and duration (`SearchEvidence`). The option `bend` stands for `path_modification`.
-
-    Args:
-        refusal: of the request.
-        searched: the path with its singular points.
     """
     robot = searched.branch.robot
     if request.at is not None:  # imposed points: the proofs are about the located ones

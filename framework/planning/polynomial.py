@@ -97,18 +97,10 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
 def _cross_deformed(
     to_cross: PathToCross, request: Request, law: Law, timing: tuple[CrossingTime, ...]
 ) -> tuple[InverseDynamics, tuple[CrossingTime, ...], Sequence[SingularPoint]]:
-    """Compute the motion of a polynomial that crosses the deflected robot's singular points and advances.
+    """Compute a motion through the deflected robot's singular points, its timing, and these points.
 
-    Deflections move the crossing points along the path, and may so make the law turn back. Its degree is then
-    raised, with new speeds where they are open.
-
-    Args:
-        law: the law through the crossing points of the undeformed robot.
-        timing: times and speeds of the crossings.
-
-    Returns:
-        The motion; times and speeds of its crossings; the crossing points with its deflections, none if the
-        user imposes them.
+    The points are none if the user imposes them. Deflections move the crossing points along the path, and may
+    so make the law turn back. Its degree is then raised, with new speeds where they are open.
     """
     max_raises = 2
     crossings = to_cross.crossing_points
@@ -133,17 +125,10 @@ def _cross_deformed(
 def _resolve_deformed(
     to_cross: PathToCross, request: Request, undeformed: Law, timing: tuple[CrossingTime, ...]
 ) -> tuple[InverseDynamics, CrossingTracker]:
-    """Compute the motion of the polynomial through the crossings of the deflected robot.
+    """Compute the motion of the polynomial through the crossings of the deflected robot, and these.
 
     Each pass of the deflections solves for a law of its own, with the same times and speeds. If the passes do
     not converge, law and deflections are solved for together. The last law may turn back.
-
-    Args:
-        undeformed: the law through the crossing points of the undeformed robot.
-        timing: times and speeds of the crossings.
-
-    Returns:
-        The motion, and the crossings as followed to its deflections.
     """
     high = _high_coefficients(undeformed, request, timing)
     times = np.array([time for time, _ in timing])  # (k,) [s]
@@ -185,14 +170,6 @@ def _find_balanced_law(
     the crossings along the path, so that the law misses them. Law and deflections are solved for again until
     the law passes the crossings at their times.
 
-    Args:
-        tracker: follows the crossings to the deflections.
-        timing: times and speeds of the crossings.
-        high: coefficients of the law above its least degree.
-
-    Returns:
-        The law, and the deflections in balance with its forces.
-
     Raises:
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
     """
@@ -233,11 +210,9 @@ def _solve_law(
     high: Array = NO_HIGH,
     changes: Array | None = None,
 ) -> Law:
-    """Solve for the polynomial with the s, s' and s" of each crossing.
+    """Solve for the polynomial with the s, s' and s" of each of k crossings.
 
     Args:
-        crossings: k points with their s, each with the condition t_s . W_p = 0, (8), that gives s" for s'.
-        timing: times and speeds s' of the crossings.
         high: coefficients of the law above its least degree.
         changes: (k,) [1/s^2] of s" at the crossings, added to those of the conditions; none by default.
 
@@ -461,14 +436,10 @@ def _search_timings(
     """Search open times and speeds; return the best (2, k) and its score.
 
     The method is an evolution strategy. The unknowns of a law are its times over the duration and the
-    logarithms of its speeds. In the first round laws are drawn around all starts. In each further round they
-    are drawn around the mean of the survivors, with the covariance of the survivors about the mean of the
-    round before. This covariance stretches along an ascent of the score and shrinks at its maximum.
+    logarithms of its speeds. In the first round laws are drawn around all `starts` (m, 2, k). In each further
+    round they are drawn around the mean of the survivors, with the covariance of the survivors about the mean
+    of the round before. This covariance stretches along an ascent of the score and shrinks at its maximum.
     The search ends when all survivors score COMFORTABLE_ADVANCE or more, or nearly the same.
-
-    Args:
-        starts: times and speeds (m, 2, k), best first.
-        score_laws: a function that scores laws by their times and speeds (m, 2, k).
     """
     # standard deviation in the first round, of times over the duration and of log speeds
     draw_spread = 0.1

@@ -79,6 +79,7 @@ The optimal law:
         planning.optimal.elastic_search.ElasticSearch
     NotConverged: no law within all limits is resolved
         planning.optimal.optimal_motion.optimal_motion
+        planning.optimal.best_law.adapt_law
     NotConverged: law and springs do not settle together
         planning.optimal.elastic_search.ElasticSearch
     NotConverged: springs do not start or stop at rest
@@ -141,7 +142,7 @@ from framework.errors import NoLaw, format_distinct, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, law_derivatives
 from framework.numerics.arrays import Array
-from framework.planning.request import PEAK_SAMPLES, Specification
+from framework.planning.request import PEAK_SAMPLES
 from framework.tolerances import AT_REST, LIMIT_MARGIN, OVERSHOOT
 
 # ------------------------------------------------------------------ proofs, and numbers of searches
@@ -201,9 +202,12 @@ class HoldingTorque(NamedTuple):
     limit: float
 
 
-class LeastLimits(NamedTuple):
-    """The least limits of torque or speed within which a law was found.
+class SearchEvidence(NamedTuple):
+    """The numbers of a search that found no law; no proof that none exists.
 
+    A search leaves LIMIT_MARGIN of each limit free, so it finds no law whose peak is barely within a limit.
+
+    cells: number of intervals of the piecewise polynomial that represents the squared speed.
     torque_peak: the least peak of torque found in the requested duration and within the speed limits, over
         the torque limits; None if no law was found, or without a torque limit.
     speed_peak: the least peak of speed found in the requested duration and within the torque limits, over the
@@ -212,53 +216,6 @@ class LeastLimits(NamedTuple):
         which the larger of the torque ratio and the squared speed ratio is least.
     options: limits (n_a,) a little above these peaks, motor side, with the margin of the request added and
         with the digits that are printed; several entries are alternatives. None are beyond LARGEST_RAISE.
-    """
-
-    torque_peak: float | None
-    speed_peak: float | None
-    together: bool
-    options: list[dict[str, Array]]
-
-    @property
-    def is_unknown(self) -> bool:
-        """Whether no law was found that tells the least limits."""
-        return self.torque_peak is None and self.speed_peak is None
-
-    @staticmethod
-    def of(
-        specification: Specification,
-        torque: float | None,
-        speed: float | None,
-        ratio: float,
-        *,
-        together: bool,
-    ) -> LeastLimits:
-        """Return the least limits for peaks of torque and speed over a specification's limits.
-
-        Args:
-            torque: the least peak of torque over the torque limits; None if unknown.
-            speed: the least peak of speed over the speed limits; None if unknown.
-            ratio: of advised limits to the least peaks, with the margin of the request.
-            together: whether limits of torque and of speed must both be raised.
-        """
-        limits = {}
-        for name, peak in (("torque_limit", torque), ("speed_limit", speed)):
-            if peak is not None and peak <= LARGEST_RAISE:
-                raised = ratio * peak * getattr(specification, name)
-                limits[name] = np.array([round_up(limit, PRINTED_DIGITS) for limit in raised])
-        options = [{name: limit} for name, limit in limits.items()]
-        if together:
-            options = [limits] if len(limits) == 2 else []
-        return LeastLimits(torque, speed, together, options)
-
-
-class SearchEvidence(NamedTuple):
-    """The numbers of a search that found no law; no proof that none exists.
-
-    A search leaves LIMIT_MARGIN of each limit free, so it finds no law whose peak is barely within a limit.
-
-    cells: number of intervals of the piecewise polynomial that represents the squared speed.
-    least: the least limits within which a law of the requested duration was found.
     quickest: the least duration [s] found within the limits, of the undeformed robot; None without a law.
     limits: options with raised limits for which a plan was found; None without a plan.
     duration: a duration [s] for which a plan was found within the limits; None without a plan.
@@ -267,35 +224,39 @@ class SearchEvidence(NamedTuple):
     """
 
     cells: int
-    least: LeastLimits
+    torque_peak: float | None = None
+    speed_peak: float | None = None
+    together: bool = False
+    options: Sequence[dict[str, Array]] = ()
     quickest: float | None = None
     limits: dict[str, Array] | None = None
     duration: float | None = None
     start_speed: tuple[float, ...] | None = None
     without_times: bool = False
 
-    def longer_durations(self, *, has_springs: bool) -> list[float]:
-        """Return durations [s] to try, from the quickest on; none without a quickest law."""
-        ratios = (ELASTIC_RATIO,) if has_springs else LONGER_DURATIONS
-        return [round_up(ratio * self.quickest, PRINTED_DIGITS) for ratio in ratios if self.quickest]
+    @property
+    def has_peaks(self) -> bool:
+        """Whether a law was found that tells the least limits."""
+        return self.torque_peak is not None or self.speed_peak is not None
 
     @property
     def clauses(self) -> tuple[str, ...]:
         """The numbers of the search, in words."""
         parts = []
-        least = self.least
-        if least.together:  # limits of torque and of speed must both be raised
+        peaks = {"torque": self.torque_peak, "speed": self.speed_peak}
+        # with enough digits to differ from 1, such as 1.00002
+        ratios = {name: format_distinct(peak, 1.0)[0] for name, peak in peaks.items() if peak is not None}
+        if self.together:
             parts.append(
-                f"a law was found with torques {_ratio_text(least.torque_peak)} and speeds "
-                f"{_ratio_text(least.speed_peak)} times the limits"
+                f"a law was found with torques {ratios.get('torque', '')} and speeds "
+                f"{ratios.get('speed', '')} times the limits"
             )
         else:
-            for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
-                if peak is not None:
-                    # a peak within the limits is refused if it is within the margin that a search leaves free
-                    margin = f", and a search stays {LIMIT_MARGIN:.2%} below them" if peak <= 1.0 else ""
-                    ratio = _ratio_text(peak)
-                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
+            for quantity, ratio in ratios.items():
+                # a peak within the limits is refused if it is within the margin that a search leaves free
+                is_within = (peaks[quantity] or 0.0) <= 1.0
+                margin = f", and a search stays {LIMIT_MARGIN:.2%} below them" if is_within else ""
+                parts.append(f"the least peak of {quantity} found is {ratio} times the limits{margin}")
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         if self.start_speed is not None:
@@ -305,33 +266,22 @@ class SearchEvidence(NamedTuple):
         return *parts, f"searched on {self.cells} cells"
 
 
-def _ratio_text(ratio: float | None) -> str:
-    """Return a ratio with enough digits to differ from 1, such as 1.00002; empty for None."""
-    return "" if ratio is None else format_distinct(ratio, 1.0)[0]
-
-
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
     """Return the advice to raise limits, such as "torque_limit 5 N m with speed_limit 2 rad/s would do".
 
     Args:
         limits: the advised limits (n_a,), motor side, by the name of their option; all are needed together.
     """
-    units = {name: robot.torque_units if "torque" in name else robot.speed_units for name in limits}
-    words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
+    words = []
+    for name, limit in limits.items():
+        units = robot.torque_units if "torque" in name else robot.speed_units
+        rounded = [f"{round_up(number, PRINTED_DIGITS):.{PRINTED_DIGITS}g}" for number in limit]
+        by_joint = zip(robot.actuator_names, rounded, strict=True)
+        text = " ".join(f"{joint}={number}" for joint, number in by_joint if number != "inf")
+        if len(set(rounded)) == 1 and len(set(units)) == 1:
+            text = f"{rounded[0]} {units[0]}"
+        words.append(f"{name} {text}")
     return f"{' with '.join(words)} would do"
-
-
-def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
-    """Return limits (n_a,) rounded up to four digits: one for all motors, or by joint where limited.
-
-    Args:
-        units: of the limits, by motor.
-    """
-    rounded = [f"{round_up(limit, PRINTED_DIGITS):.{PRINTED_DIGITS}g}" for limit in limits]
-    if len(set(rounded)) == 1 and len(set(units)) == 1:
-        return f"{rounded[0]} {units[0]}"
-    by_joint = zip(robot.actuator_names, rounded, strict=True)
-    return " ".join(f"{joint}={number}" for joint, number in by_joint if number != "inf")
 
 
 # ------------------------------------------------------------------ laws that turn back

@@ -109,10 +109,8 @@ class Request(PlanOptions):
                 f"cycle_time: must be at least the duration {self.duration:g} s, got {self.cycle_time:g} s"
             )
         if self.bounded and self.law == "polynomial":
-            refusal = InvalidInput(
-                "optimize, longest, limits and margin are for the optimal law, not the polynomial"
-            )
-            raise self._advise_change(refusal, law=None)
+            why = "optimize, longest, limits and margin are for the optimal law, not the polynomial"
+            raise self._refuse(why, law=None)
         if self.kind == "optimal":
             self._check_optimal()
         elif self.duration is None:
@@ -212,38 +210,37 @@ class Request(PlanOptions):
         There is no advice if the duration is missing: only the user can choose one.
         """
         if self.times == ():
-            refusal = InvalidInput("times: none, for a law without crossings, belong to the polynomial")
-            raise self._advise_change(refusal, times=None, speeds=None)
+            why = "times: none, for a law without crossings, belong to the polynomial"
+            raise self._refuse(why, times=None, speeds=None)
         end = self.duration or self.longest or np.inf
         for t in self.times or ():
             if not 0.0 < t < end:
-                refusal = InvalidInput(
-                    f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}"
-                )
-                raise self._advise_change(refusal, times=None, speeds=None)
+                why = f"times: a crossing must lie inside the motion, (0, {end:g}) s, got {t:g}"
+                raise self._refuse(why, times=None, speeds=None)
         if self.longest is not None and self.duration is not None:
-            refusal = InvalidInput("longest: bounds a duration that is open; give either, not both")
-            raise self._advise_change(refusal, duration=None)
+            raise self._refuse(
+                "longest: bounds a duration that is open; give either, not both", duration=None
+            )
         if self.goal == "time" and self.duration is not None:
-            refusal = InvalidInput("duration: with optimize time it is found; give longest to bound it")
-            raise self._advise_change(refusal, duration=None)
+            raise self._refuse(
+                "duration: with optimize time it is found; give longest to bound it", duration=None
+            )
         if self.goal != "time" and self.duration is None and self.longest is None:
             raise InvalidInput(
                 f"duration: optimize {self.goal} needs one, or longest: without, slower is always better"
             )
         if self.smoothness > HIGHEST_SMOOTHNESS:
-            refusal = InvalidInput(
-                f"smoothness: got {self.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
-            )
-            raise self._advise_change(refusal, smoothness=HIGHEST_SMOOTHNESS)
+            why = f"smoothness: got {self.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
+            raise self._refuse(why, smoothness=HIGHEST_SMOOTHNESS)
 
-    def _advise_change(self, refusal: InvalidInput, **change: Any) -> InvalidInput:
-        """Return the refusal with a change of options that makes the request valid, if that can be.
+    def _refuse(self, why: str, **change: Any) -> InvalidInput:
+        """Return a refusal with a change of options that makes the request valid, if that can be.
 
         The changed request is made, and where it contradicts itself in other options, their remedy is added.
         None leaves an option out.
         """
         options = {name: DEFAULTS[name] if value is None else value for name, value in change.items()}
+        refusal = InvalidInput(why)
         try:
             replace(self, **options)
         except InvalidInput as other:
@@ -251,7 +248,7 @@ class Request(PlanOptions):
         return refusal.advising(change)
 
 
-def checked_smoothness(robot: ParallelRobot, smoothness: int | None, *, largest: int = 12) -> int:
+def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
     """Return the order up to which derivatives of s vanish at both ends.
 
     The default is the least valid one: the torques contain at least the derivatives of s up to this order.
@@ -260,7 +257,7 @@ def checked_smoothness(robot: ParallelRobot, smoothness: int | None, *, largest:
         InvalidInput: `smoothness` is no whole number, so small that the torques would jump at the ends, or
             too large.
     """
-    least = SMOOTHNESS[robot.n_e > 0]
+    least, largest = SMOOTHNESS[robot.n_e > 0], 12
     if smoothness is None:
         return least
     if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):

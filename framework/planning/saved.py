@@ -244,20 +244,6 @@ def _path_document(path: Path, folder: FilePath | None) -> Document:
     return {path.kind: path.points, **blend}
 
 
-def _law_document(law: PlannedLaw) -> Document:
-    """Return the law as a document.
-
-    Raises:
-        InvalidInput: the law is of a kind that `load_plan` cannot read.
-    """
-    if law.kind not in LAW_KINDS:
-        raise InvalidInput(
-            f"law: {choose_from('kind of law', law.kind, LAW_KINDS)}, in a plan that is saved; plan.to_csv "
-            f"saves its motion"
-        )
-    return law.to_dict()
-
-
 # ------------------------------------------------------------------ reading
 
 # `stated` has the checked values of plan.json, by key, or those of the key that a function is named after.
@@ -300,7 +286,13 @@ def plan_from_document(
         InvalidInput, RobotFileError: see `load_plan`.
     """
     # robot, request and law of the file
-    stated = _read_plan(saved, file)
+    if saved.get("version") != VERSION:
+        raise InvalidInput(
+            f"{file}: version: this program reads plans of version {VERSION}, got "
+            f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
+        )
+    with prefix_errors(file, InvalidInput):
+        stated = read_table("", saved, _PLAN_TABLE, others=("bend", "fidelity", "robust"))  # of commands
     robot = _find_robot(stated, file, robot_file)
     stated_path = stated["request"].pop("path")
     plans = () if stated_path["chain"] is None else stated_path["chain"]["plans"]
@@ -318,7 +310,12 @@ def plan_from_document(
             plan = chain_plans(path.plans, path.leaves[:-1])
             _check_plan(saved, plan)
             return replace(plan, seconds=stated["seconds"])
-        optimality = _make_optimality(robot, request, stated["optimality"], law.kind)
+        best, optimality = stated["optimality"], None
+        if (best is None) != (law.kind == Law.kind):  # a polynomial has none, every other law has one
+            raise InvalidInput(f"optimality: got {short(best)} with a {law.kind} law")
+        if best is not None:
+            reference = finite_numbers("optimality.reference", best["reference"], robot.n_a)
+            optimality = Optimality(specification_of(robot, request), reference, best["gap"])
         check_law(law)
 
     # the plan computed anew, which must agree with the file
@@ -342,21 +339,6 @@ def plan_from_document(
     with prefix_errors(file, InvalidInput):
         _check_plan(saved, plan)
     return replace(plan, seconds=stated["seconds"])
-
-
-def _read_plan(saved: Document, file: FilePath) -> Document:
-    """Return the checked values of plan.json, by key, from its content `saved`.
-
-    Raises:
-        InvalidInput: the file has another version, lacks a key, or has an invalid value.
-    """
-    if saved.get("version") != VERSION:
-        raise InvalidInput(
-            f"{file}: version: this program reads plans of version {VERSION}, got "
-            f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
-        )
-    with prefix_errors(file, InvalidInput):
-        return read_table("", saved, _PLAN_TABLE, others=("bend", "fidelity", "robust"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:
@@ -405,11 +387,7 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
 
 
 def _make_path(stated: Document, chained: Sequence[CrossingPlan]) -> Path:
-    """Return the path that plan.json states.
-
-    Args:
-        stated: values of _PATH_TABLE.
-        chained: the plans of a chain, whose motion is the path; none for another path.
+    """Return the path that plan.json states; that of a chain is the motion of its plans.
 
     Raises:
         InvalidInput: no path or several, or one that its numbers do not define.
@@ -460,27 +438,20 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
     return OptimalLaw(coefficients, smoothness, duration, dense_at, cells, request.ends.moving)
 
 
-def _make_optimality(
-    robot: ParallelRobot, request: Request, stated: Document | None, kind: str
-) -> Optimality | None:
-    """Return the stated optimality of a law of this kind; None for a polynomial.
-
-    Raises:
-        InvalidInput: an optimal law has no stated optimality, or a polynomial has one.
-    """
-    if (stated is None) != (kind == Law.kind):  # a polynomial has no optimality, every other law has one
-        raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
-    if stated is None:
-        return None
-    reference = finite_numbers("optimality.reference", stated["reference"], robot.n_a)
-    return Optimality(specification_of(robot, request), reference, stated["gap"])
-
-
 # ------------------------------------------------------------------ comparing
 
 
 def _compared_document(plan: CrossingPlan) -> Document:
-    """Return the part of plan.json that `load_plan` computes anew and compares."""
+    """Return the part of plan.json that `load_plan` computes anew and compares.
+
+    Raises:
+        InvalidInput: the law is of a kind that `load_plan` cannot read.
+    """
+    if plan.law.kind not in LAW_KINDS:
+        raise InvalidInput(
+            f"law: {choose_from('kind of law', plan.law.kind, LAW_KINDS)}, in a plan that is saved; "
+            f"plan.to_csv saves its motion"
+        )
     crossings = []
     for crossing in plan.crossings:
         condition = None if crossing.condition is None else crossing.condition._asdict()
@@ -488,7 +459,7 @@ def _compared_document(plan: CrossingPlan) -> Document:
     return {
         "geometry": plan.geometry,
         "duration": plan.duration,
-        "law": _law_document(plan.law),
+        "law": plan.law.to_dict(),
         "crossings": crossings,
         "peak_torque": plan.peak_torque,
     }
@@ -521,15 +492,7 @@ def _rounding_sizes(plan: CrossingPlan) -> Document:
 
 
 def _check_plan(saved: Document, plan: CrossingPlan) -> None:
-    """Refuse a file that contradicts the plan computed anew; name the first such key.
-
-    Args:
-        saved: the content of plan.json.
-        plan: computed anew from the request and the law of the file.
-
-    Raises:
-        InvalidInput: a value of the file differs by more than rounding.
-    """
+    """Refuse a file that contradicts the plan computed anew; name the first such key."""
     document = _compared_document(plan)
     # of certificate and optimality one value each is compared: whether the law always advances, and its goal
     document["certificate"] = {"monotone": plan.certificate.monotone}
@@ -543,13 +506,8 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
 
     Args:
         key: of the value in the whole document, such as `crossings[0].condition`.
-        stated: the value in the file, of any type.
-        computed: the value computed anew.
         size: of a number, see `_values_agree`; None for other values. For a mapping, the sizes of its values
             by key. For a list of mappings, the sizes in any of them.
-
-    Raises:
-        InvalidInput: a value of the file differs by more than rounding.
     """
     if isinstance(computed, Mapping) and isinstance(stated, Mapping):  # key by key
         sizes = size or {}

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 
 from framework.atlas.nonsingular_mode_change import AssemblyModeChange
@@ -173,10 +174,11 @@ def _set_heading(ax: Axes, workspace: WorkspaceMap, quantity: Quantity) -> None:
     drawing.suptitle("\n".join(heading), fontsize=8, x=0.02, ha="left")
 
 
-def _draw_cells(workspace: WorkspaceMap, values: np.ma.MaskedArray, ax: Axes, **colours: Any) -> QuadMesh:
+def _draw_cells(workspace: WorkspaceMap, values: np.ma.MaskedArray, ax: Axes, **colours: Any) -> AxesImage:
     """Draw masked values (I, J) as coloured cells about the poses of the window."""
-    spans = workspace.window.spans
-    return ax.pcolormesh(*spans, values.T, shading="nearest", rasterized=True, linewidth=0, **colours)
+    edges = tuple(_window_edges(workspace).ravel().tolist())
+    style = Style(origin="lower", interpolation="nearest", aspect="auto", extent=edges)
+    return ax.imshow(values.T, **style, **colours)
 
 
 def _draw_values(workspace: WorkspaceMap, quantity: Quantity, ax: Axes) -> None:

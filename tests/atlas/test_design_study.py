@@ -6,7 +6,16 @@ import json
 import numpy as np
 import pytest
 
-from framework.atlas.design_study import StudyTask, design_study, map_designs, read_designs, study_setup
+import robots
+from framework.atlas.design_study import (
+    StudyTask,
+    column_names,
+    column_units,
+    design_study,
+    map_designs,
+    read_designs,
+    study_setup,
+)
 from framework.atlas.map_files import value_range
 from framework.cli import main
 from framework.numerics.kept import KeptChunks
@@ -82,6 +91,20 @@ def test_the_figure_of_a_study_has_each_design_in_each_cell_and_units(found):
         expected = np.column_stack([found.designs.values[:, k], found.columns["area"]])
         np.testing.assert_array_equal(shown[sound], expected[sound])
     assert "2 of them make no robot" in drawing.get_suptitle()
+
+
+@pytest.mark.parametrize(
+    ("name", "axes", "unit"),
+    [
+        ("four_bar", ("rz",), "rad"),
+        ("five_bar", ("x", "y"), "m^2"),
+        ("three_rrr", ("x", "rz"), "m rad"),
+    ],
+)
+def test_what_is_reached_has_the_unit_of_a_product_of_the_axes(name, axes, unit):
+    units = column_units(robots.load(name), StudyTask("", (), "rigid", axes, None, 5, ("g",)))
+    assert set(units) == {*column_names(StudyTask("", (), "rigid", axes, None, 5, ("g",)))}
+    assert [units[key] for key in units if not key.startswith("g_")] == [unit, unit]
 
 
 @pytest.mark.slow

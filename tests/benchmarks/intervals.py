@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 import robots
-from framework import ParallelRobot, assemble, dynamics_at
+from framework import ParallelRobot
 from framework.identification import (
     Recording,
     base_parameters,
@@ -27,13 +27,13 @@ from framework.identification.least_squares import estimate
 from framework.identification.measured_motion import measured_motion
 from framework.identification.torque_rows import torque_rows
 from framework.identification.unknowns import choose_unknowns, is_narrowed, rests_on_data
-from framework.kinematics import close_loops
+from tests.identification.recorded_motions import exact_motors, motor_columns, platform_sines
 
 ROBOTS = ("five_bar_heavy", "slider_crank", "three_rrr", "four_bar", "delta", "orthoglide")
 MOTIONS = {"stroke": (1.0, 250.0), "to and fro": (4.0, 125.0), "sines": (4.0, 125.0)}  # [s], [Hz]
 KINDS = ("friction", "rotor", "body")
 STEP = 2.0 * np.pi / 2**16  # [rad] of encoders; of slides without a gear 1e-6 m
-HARMONICS = np.array([1, 2, 3, 5, 7, 9, 11])
+HARMONICS = (1, 2, 3, 5, 7, 9, 11)
 
 
 class Coverage(NamedTuple):
@@ -52,21 +52,10 @@ class Coverage(NamedTuple):
 def platform_motion(robot: ParallelRobot, motion: str, size: float):
     """Times (T,) and x, dx, ddx (T, n) of the platform, `size` in lengths of the robot."""
     duration, rate = MOTIONS[motion]
+    if motion == "sines":
+        return platform_sines(robot, duration=duration, rate=rate, size=size, seed=0, harmonics=HARMONICS)
     random = np.random.default_rng(0)
     t = np.arange(int(duration * rate) + 1) / rate
-    if motion == "sines":
-        w = 2.0 * np.pi / duration * HARMONICS[:, None, None]
-        phase = random.uniform(0.0, 2.0 * np.pi, (len(w), 1, robot.n))
-        amplitude = random.standard_normal((len(w), 1, robot.n))
-        amplitude *= size * robot.platform_scale / np.sqrt((amplitude**2).sum(axis=0))
-        angle = w * t[:, None] + phase
-        x = robot.reference.x + (amplitude * np.sin(angle)).sum(axis=0)
-        return (
-            t,
-            x,
-            (amplitude * w * np.cos(angle)).sum(axis=0),
-            -(amplitude * w**2 * np.sin(angle)).sum(axis=0),
-        )
     line = random.standard_normal(robot.n)
     line *= 2.0 * size * robot.platform_scale / np.linalg.norm(line)
     period = duration / (1 if motion == "stroke" else 6)
@@ -80,17 +69,10 @@ def platform_motion(robot: ParallelRobot, motion: str, size: float):
     return t, x, np.outer(sign * ds, line), np.outer(sign * dds, line)
 
 
-def exact_motors(robot: ParallelRobot, motion: str, *, size: float = 0.05):
+def exact_motion(robot: ParallelRobot, motion: str, *, size: float = 0.05):
     """Times, angles and torques of the motors, dry friction included."""
-    t, x, dx, ddx = platform_motion(robot, motion, size)
-    q = np.repeat(assemble(robot, x[0]).q[None], len(x), axis=0)
-    for k in range(1, len(x)):
-        q[k] = close_loops(robot, x[k : k + 1], q[k - 1 : k]).q[0]
-    instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
-    speed = instant.v[:, robot.actuated]
-    sign = np.where(np.abs(speed) < 1e-12, 0.0, np.sign(speed))
-    dry = robot.joint_friction[robot.actuated] * sign / robot.gear_ratio
-    return t, robot.gear_ratio * robot.actuated_coordinates(q), instant.torque + dry
+    t, *platform = platform_motion(robot, motion, size)
+    return t, *exact_motors(robot, *platform)
 
 
 def record(robot: ParallelRobot, exact, seed: int) -> Recording:
@@ -105,8 +87,7 @@ def record(robot: ParallelRobot, exact, seed: int) -> Recording:
     torques = torques * (1.0 + 0.005 * random.standard_normal(torques.shape[1]))
     torques = torques + 0.01 * largest * random.standard_normal(torques.shape)
     torques = np.round(torques / (0.002 * largest)) * (0.002 * largest)
-    names = ("time", *(f"{what}_{j}" for what in ("motor_angle", "torque") for j in robot.actuator_names))
-    return Recording("simulated", names, np.column_stack([t, angles, torques]))
+    return Recording("simulated", motor_columns(robot), np.column_stack([t, angles, torques]))
 
 
 def true_robot(nominal: ParallelRobot) -> tuple[ParallelRobot, np.ndarray]:
@@ -137,7 +118,7 @@ def measure_coverage(name: str, motion: str, runs: int) -> Coverage:
     ]
     of_friction = base.combinations.leading >= len(theta) - 3 * nominal.n_a
     kinds = np.where(with_rotor, "rotor", np.where(of_friction, "friction", "body"))
-    exact = exact_motors(true, motion)
+    exact = exact_motion(true, motion)
     ratios, determined = [], []
     for seed in range(runs):
         measured = measured_motion(nominal, record(true, exact, seed))

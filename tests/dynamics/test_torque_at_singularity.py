@@ -5,6 +5,9 @@ import pytest
 
 import robots
 from framework import NoAnswer, SingularPose, assemble, dynamics_at, plan_scene
+from framework.dynamics.pointwise_dynamics import _TaylorMotion
+from framework.kinematics.linearised_loops import assembled_at
+from framework.kinematics.motion_rates import motion_at
 from tests.oracles import five_bar as oracle
 
 ON_THE_AXIS = np.array([0.0, np.sqrt(0.06)])  # of the 5R: its rods in one line, level, and t_s upright
@@ -105,3 +108,18 @@ def test_what_does_not_cross_the_locus_has_no_limit_of_third_order(dx, words):
     robot, q = on_the_axis()
     with pytest.raises(SingularPose, match=words):
         dynamics_at(robot, q, dx=dx, dddx=[0.0, 0.0])
+
+
+@pytest.mark.parametrize("share", [-0.05, -0.005, 0.005, 0.05])
+def test_a_root_far_from_the_instant_is_another_singularity(share):
+    """The motion is straight and meets the axis at a share of half a panel; a hundredth is near."""
+    robot, _ = on_the_axis()
+    half = 0.05 / 5.0  # [s]: a joint travels 0.05 rad at some 5 rad/s
+    x, rates = ON_THE_AXIS - share * half * TO_AND_FRO, np.array([TO_AND_FRO, 0 * TO_AND_FRO, 0 * TO_AND_FRO])
+    closed = assembled_at(robot, assemble(robot, x).q)
+    motion = _TaylorMotion(robot, closed.x, motion_at(robot, closed, rates[:1], rates[1:2]), rates, {})
+    if abs(share) < 0.01:
+        assert motion.find_crossing(half) == pytest.approx(share * half, abs=1e-9 * half)
+    else:
+        with pytest.raises(SingularPose, match="along or touches"):
+            motion.find_crossing(half)

@@ -11,14 +11,12 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.torque_response import foresee_deflections, respond_to_law
 from framework.model.description import JointDynamics
 from framework.planning import scenes
-from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.next_law import evaluate_in_balance, find_next_law
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
-from framework.planning.request import Request, specification_of
-from framework.singularity.points_on_path import search_path
+from tests.planning.optimal.tasks import task_of
 
 DAMPED = {"left_motor": JointDynamics(damping=0.02), "left_elbow": JointDynamics(damping=0.01)}
 CASES = [
@@ -59,9 +57,7 @@ def pose_problem(name, scene, flexibility, joints) -> tuple[Task, LawProblem]:
     description = replace(robots.load(name).description, joints=joints)
     robot = ParallelRobot.from_description(description, flexibility=flexibility)
     path = scenes.scene_path(scenes.scene(robot, scene))
-    request = Request.of(robot, path, duration=1.5, law="optimal", smoothness=6)
-    searched = search_path(robot, path)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    task = task_of(robot, path, duration=1.5, smoothness=6)
     problem = problem_of(task)._replace(degree=24)
     return task, problem
 

@@ -23,7 +23,7 @@ from framework.laws.path import Path
 from framework.model.description import RobotDescription
 from framework.planning.scenes import scene_path
 from tests.dynamics.random_five_bars import _drawn
-from tests.oracles.equations_of_motion import Defects, defects
+from tests.oracles.equations_of_motion import Defects, defects_at
 from tests.robots.transformed import scaled
 
 SEED = 20261122
@@ -162,9 +162,7 @@ def instants(plan: CrossingPlan) -> np.ndarray:
 
 def judged(plan: CrossingPlan) -> Defects:
     """What a plan leaves of the equations of motion in all coordinates."""
-    t = instants(plan)
-    motion = plan.dynamics.motion(t)
-    return defects(plan.robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    return defects_at(plan, instants(plan))
 
 
 def is_right(defect: Defects) -> bool:

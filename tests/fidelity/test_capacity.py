@@ -12,7 +12,7 @@ from framework.cli import main
 from framework.cli.fidelity import capacity_lines
 from framework.fidelity.capacity import capacity_request, largest_load_of
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.planning.refusals import LeastLimits, SearchEvidence
+from framework.planning.refusals import SearchEvidence
 from framework.planning.scenes import scene_path
 from framework.tolerances import LIMIT_MARGIN
 
@@ -57,7 +57,7 @@ def test_the_ends_carry_what_they_rest_on():
     assert max(found.plan.peak_torque.values()) <= LIMIT
     assert found.plan.certificate.tail < 1e-9
     assert found.plan.request.wrenches == {"left_tip": [0, -found.multiple, 0, 0, 0, 0]}
-    assert found.refusal.evidence.least.torque_peak > 1.0 - LIMIT_MARGIN  # of which so much is left free
+    assert found.refusal.evidence.torque_peak > 1.0 - LIMIT_MARGIN  # of which so much is left free
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_whatever_peaks_are_found_the_bracket_is_right(monkeypatch, peak, is_fou
         (entry,) = request.external_wrenches.entries or (None,)
         tried.append(multiple := 0.0 if entry is None else float(abs(entry.rows[..., -6:]).max()))
         if multiple > 5.3:
-            raise NoLaw("none", proof="a proof", evidence=SearchEvidence(9, least_of(peak(multiple))))
+            raise NoLaw("none", proof="a proof", evidence=SearchEvidence(9, peak(multiple)))
         return plan
 
     monkeypatch.setattr("framework.fidelity.capacity.plan_request", planned)
@@ -154,10 +154,6 @@ def test_whatever_peaks_are_found_the_bracket_is_right(monkeypatch, peak, is_fou
     assert counted == list(range(1, len(tried) + 1))
     assert found.multiple <= 5.3 < found.refused <= 1.001 * found.multiple
     assert len(tried) <= most
-
-
-def least_of(peak):
-    return LeastLimits(torque_peak=peak, speed_peak=None, together=False, options=[])
 
 
 def test_the_command_says_no_where_no_multiple_is_planned(monkeypatch, capsys):

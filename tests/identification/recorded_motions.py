@@ -10,27 +10,39 @@ ENCODER_STEP = 2 * np.pi / 2**16
 HARMONICS = (1, 3, 5, 7, 9)
 
 
-def sines(robot: ParallelRobot, *, duration: float, rate: float, size: float, seed: int) -> Recording:
-    """The exact motion of a robot, dry friction included; `size` in lengths of the robot."""
+def platform_sines(
+    robot: ParallelRobot, *, duration: float, rate: float, size: float, seed: int, harmonics=HARMONICS
+):
+    """Times (T,) and x, dx, ddx (T, n) of the platform; `size` in lengths of the robot."""
     random = np.random.default_rng(seed)
     t = np.arange(int(duration * rate) + 1) / rate
-    w = 2 * np.pi / duration * np.array(HARMONICS)[:, None, None]
+    w = 2 * np.pi / duration * np.array(harmonics)[:, None, None]
     phase = random.uniform(0, 2 * np.pi, (len(w), 1, robot.n))
     amplitude = random.standard_normal((len(w), 1, robot.n))
     amplitude *= size * robot.platform_scale / np.sqrt((amplitude**2).sum(axis=0))
     angle = w * t[:, None] + phase
     x = robot.reference.x + (amplitude * np.sin(angle)).sum(axis=0)
     dx = (amplitude * w * np.cos(angle)).sum(axis=0)
-    ddx = -(amplitude * w**2 * np.sin(angle)).sum(axis=0)
+    return t, x, dx, -(amplitude * w**2 * np.sin(angle)).sum(axis=0)
+
+
+def exact_motors(robot: ParallelRobot, x, dx, ddx) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and torques (T, n_a) of the motors along a motion of the platform, dry friction included."""
     q = np.repeat(assemble(robot, x[0]).q[None], len(x), axis=0)
     for k in range(1, len(x)):
         q[k] = close_loops(robot, x[k : k + 1], q[k - 1 : k]).q[0]
     instant = dynamics_at(robot, q, dx=dx, ddx=ddx)
     speed = instant.v[:, robot.actuated]
-    dry = robot.joint_friction[robot.actuated] * np.sign(speed) / robot.gear_ratio
-    angles = robot.gear_ratio * robot.actuated_coordinates(q)
+    sign = np.where(np.abs(speed) < 1e-12, 0.0, np.sign(speed))
+    dry = robot.joint_friction[robot.actuated] * sign / robot.gear_ratio
+    return robot.gear_ratio * robot.actuated_coordinates(q), instant.torque + dry
+
+
+def sines(robot: ParallelRobot, *, duration: float, rate: float, size: float, seed: int) -> Recording:
+    """The exact motion of a robot."""
+    t, *motion = platform_sines(robot, duration=duration, rate=rate, size=size, seed=seed)
     names = (*motor_columns(robot), *(f"platform_{axis}" for axis in robot.axis_names))
-    return Recording("sines", names, np.column_stack([t, angles, instant.torque + dry, x]))
+    return Recording("sines", names, np.column_stack([t, *exact_motors(robot, *motion), motion[0]]))
 
 
 def motor_columns(robot: ParallelRobot) -> tuple[str, ...]:

@@ -133,3 +133,10 @@ def test_what_a_motion_leaves_unknown_is_what_its_motors_that_work_leave():
     known = [0, 1, 3]
     left = np.diag(columns @ np.linalg.inv(information) @ columns.T) / np.diag(columns @ columns.T + 1e-300)
     np.testing.assert_allclose(design.deviation_shares(motion), np.sqrt(left[known]), rtol=1e-10)
+
+
+def test_digits_are_those_of_a_value_over_its_deviation(excitation):
+    quantities = excitation.to_dict()["quantities"]
+    shares = [np.abs(quantity["file"]) / quantity["deviation"] for quantity in quantities]
+    assert max(shares) > 10.0
+    assert [10.0 ** quantity["digits"] for quantity in quantities] == pytest.approx(np.maximum(shares, 1.0))

@@ -30,7 +30,7 @@ from framework.identification.unknowns import choose_unknowns, rests_on_data
 from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
-from tests.benchmarks.intervals import MOTIONS, exact_motors, measure_coverage, record, true_robot
+from tests.benchmarks.intervals import MOTIONS, exact_motion, measure_coverage, record, true_robot
 from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
@@ -255,7 +255,7 @@ def test_intervals_of_a_payload_hold_the_truth_from_a_poor_stroke(monkeypatch):
     links = collect_link_parameters(true, torque_parameters(true))
     mass, *moments = links.values[10 * links.links.index("platform") :][:4]
     truth = [mass, *(moment / mass for moment in moments)]
-    exact = exact_motors(true, "stroke", size=0.02)
+    exact = exact_motion(true, "stroke", size=0.02)
     inside = []
     for seed in range(RUNS):
         shown = identify(nominal, record(true, exact, seed), only=["payload"]).quantities[:4]
@@ -375,7 +375,7 @@ def test_what_one_stroke_shows_of_sums_is_not_lost():
     """No parameter of a four-bar is determined alone, but their sums predict the torques to the noise."""
     nominal = robots.load("four_bar")
     true, _ = true_robot(nominal)
-    data = record(true, exact_motors(true, "stroke"), 1)
+    data = record(true, exact_motion(true, "stroke"), 1)
     found = identify(nominal, data)
     assert len(found.undetermined) >= found.base.rank / 2
     assert found.error_before.min() > 0.5
@@ -391,7 +391,7 @@ def test_what_one_stroke_shows_of_sums_is_not_lost():
 def test_bodies_without_mass_in_the_file_are_found_on_demand():
     """Rods of 1 kg that the file of the 5R does not have."""
     true, theta = true_robot(NOMINAL["five_bar_heavy"])
-    found = identify(NOMINAL["five_bar"], record(true, exact_motors(true, "stroke"), 1), massless=True)
+    found = identify(NOMINAL["five_bar"], record(true, exact_motion(true, "stroke"), 1), massless=True)
     theirs = dict(zip(torque_parameters(true).names, theta, strict=True))
     truth = found.base.combinations.coefficients @ [theirs.get(name, 0.0) for name in found.base.parameters]
     assert (np.abs(found.values - truth) <= 4.0 * found.deviations).all()

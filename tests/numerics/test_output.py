@@ -16,6 +16,7 @@ from framework import OutputError
 from framework.cli import main
 from framework.numerics.interruption import Terminated, interruptible
 from framework.numerics.output import PROGRAM, write_files, written_together
+from tests.watchdog import PATIENCE
 
 FILES = {"plan.json": "{}\n", "motion.csv": "time\n0\n"}
 
@@ -186,7 +187,7 @@ with written_together(Path(sys.argv[1])) as temporary:
 def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     killed = subprocess.run(
-        [sys.executable, "-c", KILLED, tmp_path], env=environment, check=False, timeout=60
+        [sys.executable, "-c", KILLED, tmp_path], env=environment, check=False, timeout=PATIENCE
     )
     assert killed.returncode == -signal.SIGKILL
     (tmp_path / ".unfinished-chapters").mkdir()  # somebody else's

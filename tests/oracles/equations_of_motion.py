@@ -68,6 +68,12 @@ def defects_of(plan: CrossingPlan) -> Defects:
     )
 
 
+def defects_at(plan: CrossingPlan, t: np.ndarray) -> Defects:
+    """What instants (T,) of a plan leave of the equations of motion, by its motion as a whole."""
+    motion = plan.dynamics.motion(t)
+    return defects(plan.robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+
+
 def apart(robot: ParallelRobot, q: np.ndarray, pose: pin.SE3, x: np.ndarray) -> np.ndarray:
     """The platform at q (nq,), its frame's pose, less coordinates x (n,) of the robot file [m, rad].
 

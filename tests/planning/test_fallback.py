@@ -5,7 +5,7 @@ import pytest
 
 import robots
 from framework import Line, NoAnswer, NotConverged, UnboundedTorque, plan_crossing
-from tests.oracles.equations_of_motion import defects
+from tests.oracles.equations_of_motion import defects_at
 
 TOP = float(np.sqrt(0.06))  # [m] of the locus of the 5R on its axis of symmetry
 
@@ -21,8 +21,7 @@ def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
     times = np.linspace(0.0, plan.duration, 1001)
     middle = float(np.interp(0.5, plan.law(times), times))
     t = np.concatenate([times[::50], middle + np.array([0.0, 1e-3, -1e-3, 1e-5, -1e-5, 1e-7, -1e-7])])
-    motion = plan.dynamics.motion(t)
-    found = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    found = defects_at(plan, t)
     assert found.open < 1e-12
     assert found.force < 1e-8  # beside the locus |g| is 1e-5 and less, and the torques are rounded by as much
 
@@ -83,8 +82,7 @@ def test_a_path_that_ends_before_the_locus_is_planned_with_the_law_of_lower_peak
     assert "is beside s = 1, where the path misses a singularity" in plan.reason
     assert peaks(plan) < 0.2 * peaks(polynomial)
     t = np.linspace(0.0, plan.duration, 101)
-    motion = plan.dynamics.motion(t)
-    left = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    left = defects_at(plan, t)
     assert left.force < 1e-9
 
 

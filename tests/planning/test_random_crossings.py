@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from framework import NoAnswer, plan_crossing
-from tests.oracles.equations_of_motion import defects
+from tests.oracles.equations_of_motion import defects_at
 from tests.planning.random_lines import SCENES, random_crossings
 
 COUNT, SEED = 29, 54  # of each robot, 203 in all
@@ -26,8 +26,7 @@ def check_crossings(name, count):
             continue
         planned += 1
         t = np.concatenate([crossing.time + np.array(BESIDE) for crossing in plan.crossings])
-        motion = plan.dynamics.motion(t)
-        found = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+        found = defects_at(plan, t)
         assert found.open < 1e-12 * max(robot.length, 1.0)
         assert found.speed < 1e-12
         assert found.acceleration < 1e-12

@@ -8,7 +8,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from framework.proofs.homotopy import refine_solutions, solve_start_system
-from framework.proofs.krawczyk import are_apart, choose_chart, enclose_solutions
+from framework.proofs.krawczyk import (
+    MAX_RADIUS,
+    MIN_RADIUS,
+    Enclosures,
+    are_apart,
+    choose_chart,
+    enclose_solutions,
+    widen_until_proved,
+)
 from framework.proofs.study_quadric import (
     _SQUARE,
     Displacements,
@@ -129,3 +137,22 @@ def test_errors_of_eliminated_conditions_bound_every_change_of_the_coefficients(
         exact = changed - changed[:, :1] * pivot
         exact[k] = pivot
         assert np.all(np.abs(exact - rows)[:, 1:] <= (1.0 + 1e-8) * errors[:, 1:])  # 1e-8: rounding here
+
+
+def test_boxes_without_a_proof_are_widened_beyond_their_image_and_the_others_stay():
+    tried = []
+
+    def test(radii):
+        """Three boxes of which the last is proved, and whose images do not grow with them."""
+        tried.append(radii)
+        image = np.array([[0.0, 0.5], [100.0, 0.0], [1.0, 1.0]])
+        return Enclosures(np.array([False, False, True]), np.zeros(3, dtype=bool), radii, image)
+
+    tested = widen_until_proved(test, np.full((3, 2), 1e-17))
+    assert len(tried) > 2
+    for radii in tried[1:]:
+        assert (radii[:2] >= MIN_RADIUS).all()
+        assert (radii[:2] > [[0.0, 0.5], [MAX_RADIUS / 2, 0.0]]).all()
+        assert radii.max() <= 1.01 * MAX_RADIUS
+        np.testing.assert_array_equal(radii[2], 1e-17)
+    np.testing.assert_array_equal(tested.radii, tried[-1])

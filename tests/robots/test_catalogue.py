@@ -15,6 +15,7 @@ import robots
 from framework import InvalidInput, ParallelRobot, load_robot
 from framework.catalogue import URDF, CatalogueEntry
 from framework.model.description import FLEXIBILITIES
+from tests.watchdog import PATIENCE
 
 HERE = Path(robots.__file__).parent
 MODULES = sorted(path.stem for path in HERE.glob("*.py") if "ENTRY = " in path.read_text(encoding="utf-8"))
@@ -77,7 +78,7 @@ def test_a_robots_py_beside_the_users_script_hides_no_robot(tmp_path):
     script = tmp_path / "script.py"
     script.write_text("import framework; print(framework.load_robot('five_bar').name)", encoding="utf-8")
     run = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert (run.stdout, run.stderr) == ("five_bar\n", "")
 

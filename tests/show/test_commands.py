@@ -16,6 +16,7 @@ import robots
 from framework import Line, load_plan, plan_crossing, plan_scene
 from framework.planning.saved import plan_document
 from framework.show.report import _certificate_html
+from tests.watchdog import PATIENCE
 
 
 @pytest.fixture(scope="module")
@@ -137,10 +138,10 @@ def test_it_serves_until_it_is_told_to_end(end, machine):
         try:
             line = (process.stderr if machine else process.stdout).readline()
             address = re.match(r"http://127\.0\.0\.1:\d+/", line)[0]
-            with urllib.request.urlopen(address, timeout=10) as reply:
+            with urllib.request.urlopen(address, timeout=PATIENCE) as reply:
                 assert b"five bar" in reply.read()
             process.send_signal(end)
-            out, err = process.communicate(timeout=10)
+            out, err = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
     assert process.returncode == 0

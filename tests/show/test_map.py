@@ -42,7 +42,7 @@ def test_a_figure_names_quantity_unit_mode_and_what_is_drawn(key):
 
 def test_colours_are_those_of_the_colour_blind_and_bright_is_good():
     for key in ("conditioning", "torque", "stiffness", "frequency"):
-        mesh = plot_map(found(), key).collections[0]
+        mesh = plot_map(found(), key).images[0]
         values = np.ma.asarray(mesh.get_array()).ravel()
         best = values.argmin() if key == "torque" else values.argmax()
         worst = values.argmax() if key == "torque" else values.argmin()

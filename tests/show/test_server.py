@@ -9,6 +9,7 @@ import pytest
 import robots
 from framework import InvalidInput, assemble
 from framework.show.jogging import MAX_REQUEST_BYTES, PageServer, move_by_hand
+from tests.watchdog import PATIENCE
 
 ROBOT = robots.load("five_bar")
 
@@ -26,7 +27,7 @@ def server():
 @pytest.fixture
 def ask(server):
     def send(method: str, path: str, body: bytes | str = b"", **headers: str):
-        connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+        connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE)
         connection.request(method, path, body, {key.title(): value for key, value in headers.items()})
         reply = connection.getresponse()
         content = reply.read()

@@ -29,7 +29,7 @@ def visuals(write_robot, capfd):
     """Shapes that the base of the 5R gets from a URDF text, nothing printed meanwhile."""
 
     def read(visual: str, material: str = ""):
-        before = body_shapes(ParallelRobot.from_file(write_robot()))
+        before = body_shapes(robots.load("five_bar"))
         changes = ((BASE, f"{BASE}{visual}"), ("</robot>", f"{material}</robot>"))
         shapes = body_shapes(ParallelRobot.from_file(write_robot(urdf=changes)))
         assert capfd.readouterr() == ("", "")
@@ -64,29 +64,30 @@ def test_a_shape_has_its_own_colour_or_that_of_its_material(visuals, after, mate
     assert shape.color == color
 
 
-@pytest.mark.parametrize(
-    "malformed",
-    [
-        "<visual/>",
-        visual(""),
-        visual("<cone/>"),
-        visual('<box size="1 2"/>'),
-        visual('<box size="1 2 nan"/>'),
-        visual('<box size="1 2 -3"/>'),
-        visual('<cylinder radius="1"/>'),
-        visual('<sphere radius="x"/>'),
-        visual('<sphere radius="1"/>', after='<material name="a"><color rgba="1"/></material>'),
-        visual("<mesh/>"),
-        visual(MESH.format("nowhere.stl")),
-        visual(MESH.format(".")),
-        visual(MESH.format("package://nowhere/a.stl")),
-        visual(MESH.format("five_bar.urdf")),
-        visual(MESH.format("/dev/zero")),
-    ],
+MALFORMED = (
+    "<visual/>",
+    visual(""),
+    visual("<cone/>"),
+    visual('<box size="1 2"/>'),
+    visual('<box size="1 2 nan"/>'),
+    visual('<box size="1 2 -3"/>'),
+    visual('<cylinder radius="1"/>'),
+    visual('<sphere radius="x"/>'),
+    visual('<sphere radius="1"/>', after='<material name="a"><color rgba="1"/></material>'),
+    visual("<mesh/>"),
+    visual(MESH.format("nowhere.stl")),
+    visual(MESH.format(".")),
+    visual(MESH.format("package://nowhere/a.stl")),
+    visual(MESH.format("five_bar.urdf")),
+    visual(MESH.format("/dev/zero")),
 )
-def test_a_malformed_visual_is_left_out_and_its_neighbour_drawn(visuals, malformed):
-    (shape,) = visuals(malformed + visual('<sphere radius="1"/>'))
-    assert shape.kind == "sphere"
+
+
+def test_a_malformed_visual_is_left_out_and_its_neighbour_drawn(visuals):
+    spheres = [visual(f'<sphere radius="{k + 1}"/>') for k in range(len(MALFORMED))]
+    shapes = visuals("".join(part for pair in zip(MALFORMED, spheres, strict=True) for part in pair))
+    assert [shape.kind for shape in shapes] == ["sphere"] * len(MALFORMED)
+    assert [shape.size[0] for shape in shapes] == [k + 1.0 for k in range(len(MALFORMED))]
 
 
 def test_a_mesh_is_found_beside_its_robot_file(visuals, tmp_path):

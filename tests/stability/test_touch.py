@@ -23,7 +23,7 @@ from framework import (
 )
 from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
-from tests.oracles.equations_of_motion import defects
+from tests.oracles.equations_of_motion import defects_at
 from tests.oracles.planar import cross, exact, legs, mp, rods_cross, without_rotors
 from tests.singularity.test_points_on_path import locus, locus_tangent
 
@@ -155,8 +155,7 @@ def test_a_law_that_is_certified_across_a_near_miss_has_the_forces_of_the_motion
     away = np.array([0.0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
     t = 0.75 + np.concatenate([-away, away])
     assert np.abs(plan.law(t[:1]) - 0.5).max() < 1e-9
-    motion = plan.dynamics.motion(t)
-    left = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    left = defects_at(plan, t)
     assert left.force < 1e-9
 
 

@@ -103,17 +103,16 @@ def correct_points(
         measured: the unknowns whose corrections count.
     """
     max_corrections = 8
-    step = np.zeros_like(border)
-    correction = np.zeros(len(border))  # sum of the largest entries
-    was_small, converged = np.zeros((2, len(border)), dtype=bool)
-    live = np.arange(len(border))
-    last = evaluate(points, live)  # equations of all points
-    equations = last
+    step = np.zeros_like(border)  # (T, n + 1)
+    correction = np.zeros(len(border))  # (T,) sum of the largest entries
+    was_small, converged = np.zeros((2, len(border)), dtype=bool)  # (T,) each
+    live = np.arange(len(border))  # (k,) indices of the points that are still corrected
+    all_equations = equations = evaluate(points, live)
     for k in range(max_corrections):
         if k:
             equations = evaluate(select(points, live), live)
-            assign(last, live, equations)  # type: ignore[type-var]
-        newton, _ = solve_step_and_tangent(equations, border[live])
+            assign(all_equations, live, equations)  # type: ignore[type-var]
+        newton, _ = solve_step_and_tangent(equations, border[live])  # (k, n + 1)
         size = np.abs(newton[:, measured]).max(axis=1, initial=0.0)
         correction[live] += size
         goes_on = correction[live] <= longest[live]  # not if the matrix is singular
@@ -128,7 +127,7 @@ def correct_points(
         live = live[goes_on & ~is_last]
         if not len(live):
             break
-    return Correction(points, last, step, converged)
+    return Correction(points, all_equations, step, converged)
 
 
 # ------------------------------------------------------------------ curves of joints and a share

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, NotConverged
 from framework.laws.optimal_law import OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.time_limit import SearchEnded
@@ -107,15 +107,17 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
     return _search_smooth(search, best.speed, is_least_new=True)
 
 
-def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
-    """Find a smooth law like `best` with tighter limits or another share of cost for smoothness.
+def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best:
+    """Find a smooth law near the best, with tighter limits or another share of cost for smoothness.
 
-    The search begins from `best`. If it fails for the least duration or energy, the law of least peak torque
-    is tried.
+    If the search fails for the least duration or energy, the law of least peak torque is tried.
 
     Args:
         excess: largest torque or speed of the motion over its limit, 1 or more; limits are divided by it.
         share: share of the least cost by which the smooth law may exceed it; by default that of `best`.
+
+    Raises:
+        NotConverged: no such law was found.
     """
     search = best.search
     if share is not None:
@@ -123,20 +125,21 @@ def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) ->
     if excess > 1.0:
         search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
     adapted = _search_smooth(search, best.speed)
-    if isinstance(adapted, Best) or search.goal == "peak_torque":
-        return adapted
-    return _find_least_peak(search.program.problem, adapted, search.share)
+    if isinstance(adapted, NoneFound) and search.goal != "peak_torque":
+        adapted = _find_least_peak(search.program.problem, adapted, search.share)
+    if isinstance(adapted, NoneFound):
+        raise NotConverged(
+            "no law near the best keeps all limits between its points",
+            name=search.program.problem.task.robot.name,
+            residual=excess - 1.0,
+        )
+    return adapted
 
 
 def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> Best | NoneFound:
     """Find the law of least peak torque after another goal failed.
 
     The failure is returned if this law is not found, or is not within the limits.
-
-    Args:
-        problem: the problem whose goal failed.
-        failure: the failed search.
-        share: share of the least cost by which the smooth law may exceed it.
     """
     if not problem.specification.limited:
         return failure
@@ -196,12 +199,7 @@ def _search_smooth(
 
 
 def make_best(search: SmoothSearch, speed: Speed) -> Best | NoneFound:
-    """Make the law of a speed that has the required instants; none if z comes too near to zero.
-
-    Args:
-        search: the search that found the speed.
-        speed: squared speed of the law, with its cost.
-    """
+    """Make the law of a speed that has the required instants; none if z comes too near to zero."""
     program = search.program
     specification = program.problem.specification
     stretch = program.problem.task.stretch

@@ -21,7 +21,7 @@ all errors of the series lower it: no proof relies on the solver that found the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -130,12 +130,8 @@ class DualProgram:
     def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
         """Bound the means (3, k) of nu . c, -mu and C(factor, nu . d) on each cell from below.
 
-        C is concave in the factor. Along a line below the factor, the mean of C on a cell is therefore at
-        least the mean of its values at both ends.
-
-        Args:
-            multipliers: multipliers on the cells.
-            least_factor: (k, 2) values of the line at both ends of each cell.
+        C is concave in the factor. Along a line below the factor, `least_factor` (k, 2) at both ends of each
+        cell, the mean of C on a cell is therefore at least the mean of its values at both ends.
         """
         damping, damping_error = _sum_products(self.series.damping, multipliers.x)
         least_damping = damping.min(axis=1) - damping_error
@@ -160,9 +156,6 @@ class DualProgram:
         """Bound factor - minorant from below on each cell (k,).
 
         All terms of factor = nu . cz - p' + mu . k get SIZE coefficients, the least of which is a bound.
-
-        Args:
-            multipliers: multipliers on the cells, with the minorant.
         """
         series = self.series
         x, mu, minorant, _ = multipliers
@@ -187,24 +180,23 @@ class DualProgram:
         A positive margin covers errors of the solver and of the series, so that the bound can be proved.
         """
         # unknowns of torques, and of speed limits, damping and duration where they count
-        draft = _Draft()
-        self._add_torques(draft)
+        draft = ConeProgram()
+        # rows (k SIZE, size) of the coefficients of (factor - minorant) times the width, by name of unknowns
+        factor = dict[str, Any]()
+        self._add_torques(draft, factor)
         if self.series.squared_speed.error.size:
-            self._add_speed_limits(draft)
+            self._add_speed_limits(draft, factor)
         if self.series.damping.coefficients.any():
-            self._add_damping(draft)
+            self._add_damping(draft, factor)
         if self.timed or self.longest is not None:
-            self._add_duration(draft)
+            self._add_duration(draft, factor)
 
         # factor - minorant - margin >= 0, times the width of the cell, in rows scaled to unit size
-        scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
-        rows = {name: SparseRows.of(part).scale(scaling) for name, part in draft.factor.items()}
+        scaling = 1.0 / abs(factor["x"]).max(axis=1).toarray().ravel()
+        rows = {name: SparseRows.of(part).scale(scaling) for name, part in factor.items()}
         margins = np.repeat(self.series.width * margin, SIZE)
         draft.nonnegative.append(AffineRows(rows, -scaling * margins))
-        program = ConeProgram(
-            draft.sizes, draft.cost, equal=draft.equal, nonnegative=draft.nonnegative, cones=draft.cones
-        )
-        optimum = solve_cone_program(program)
+        optimum = solve_cone_program(draft)
         if isinstance(optimum, Unsolved):
             return None
 
@@ -217,7 +209,7 @@ class DualProgram:
         scaled_minorant = self.p_unit * self._slowness**3 * minorant
         return Multipliers(x, np.maximum(mu, 0.0), scaled_minorant, max(lam, 0.0))
 
-    def _add_torques(self, draft: _Draft) -> None:
+    def _add_torques(self, draft: ConeProgram, factor: dict[str, Any]) -> None:
         """Add the multipliers nu = sum of x_i v_i of the m torques: unknowns x, and t >= |nu|.
 
         The bound's right side, which is to be large, has the terms integral of nu . c + B with
@@ -245,21 +237,21 @@ class DualProgram:
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
         x_0_slope = np.kron(slope, np.eye(1, unknowns))  # the same from the coefficients of all x_i of a cell
         p_slope = kron(eye_array(len(width)), x_0_slope, format="csr") @ self._x_coefficients
-        draft.factor["x"] = nu_cz - p_slope
+        factor["x"] = nu_cz - p_slope
 
         # t >= |nu|, coefficient by coefficient; the sum of the means of t bounds the integral of |nu|_1
         draft.sizes["t"] = count * m  # by torque, then by cell
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
             t = kron(np.eye(1, m, j), eye_array(count), format="csr")  # selects the coefficients of torque j
-            draft.nonnegative += [linear_rows(x=sign * nu, t=t) for sign in (-1.0, 1.0)]
+            draft.nonnegative.extend([linear_rows(x=sign * nu, t=t) for sign in (-1.0, 1.0)])
         mean = np.full(count * m, 1.0 / count)
         if self.timed:
             draft.cost["t"] = mean
         else:
             draft.nonnegative.append(AffineRows({"t": -csr_array(mean[None])}, np.ones(1)))
 
-    def _add_speed_limits(self, draft: _Draft) -> None:
+    def _add_speed_limits(self, draft: ConeProgram, factor: dict[str, Any]) -> None:
         """Add mu >= 0 of motors with speed limits to cost and factor.
 
         The factor contains mu . k(s), with one entry for each of the n motors with speed limits, where
@@ -273,12 +265,12 @@ class DualProgram:
         # Bernstein coefficients (cells, SIZE, n) of k(s), elevated to the degree of the factor
         terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]
         parts = [block_diag([*terms[..., motor, None]], format="csr") for motor in range(n)]
-        draft.factor["mu"] = hstack(parts, format="csr")
+        factor["mu"] = hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
         draft.nonnegative.append(linear_rows(mu=eye_array(n * count, format="csr")))
 
-    def _add_damping(self, draft: _Draft) -> None:
+    def _add_damping(self, draft: ConeProgram, factor: dict[str, Any]) -> None:
         """Add bounds of the damping term (nu . d) sqrt(z).
 
         The unknowns are not negative and constant on cells. `drag` and `omega` bound the positive and the
@@ -290,20 +282,17 @@ class DualProgram:
         count = len(width)
         identity = eye_array(count, format="csr")
         on_cells = kron(identity, np.ones((SIZE, 1)), format="csr")  # a constant as SIZE coefficients
-        draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
+        draft.sizes.update({"omega": count, "drag": count, "phi": count, "loss": count})
         draft.cost["loss"] = width
-        draft.factor["phi"] = -self.p_unit * on_cells @ diags_array(width)
+        factor["phi"] = -self.p_unit * on_cells @ diags_array(width)
         in_unit = np.sqrt(self.p_unit) * on_cells
         damping = self._x_rows(self.series.damping.coefficients)
         omega = linear_rows(omega=identity)
-        draft.nonnegative += [
-            linear_rows(x=damping, omega=in_unit, drag=-in_unit),
-            omega,
-            linear_rows(drag=identity),
-        ]
+        bounds = linear_rows(x=damping, omega=in_unit, drag=-in_unit)
+        draft.nonnegative.extend([bounds, omega, linear_rows(drag=identity)])
         draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
-    def _add_duration(self, draft: _Draft) -> None:
+    def _add_duration(self, draft: ConeProgram, factor: dict[str, Any]) -> None:
         """Add lambda, the minorant, and the unknown `cube_root`, which bounds the cost C of the minorant.
 
         The minorant is a line on each cell below the factor, and C grows with the factor. The least of
@@ -316,8 +305,8 @@ class DualProgram:
         identity = eye_array(count, format="csr")
         # the factor less the minorant, a line on each cell with the values of the unknowns at its ends
         lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
-        draft.factor["minorant"] = block_diag([*lines], format="csr")
-        draft.sizes |= {"lam": 1, "minorant": count, "cube_root": count, "auxiliary": count}
+        factor["minorant"] = block_diag([*lines], format="csr")
+        draft.sizes.update({"lam": 1, "minorant": count, "cube_root": count, "auxiliary": count})
 
         # the mean of C on a cell is at least the mean of 1.5 cube_root at its ends, 0.75 of each; the cost is
         # negative because C raises the bound
@@ -340,7 +329,7 @@ class DualProgram:
         else:
             draft.cost["lam"] = np.array([self._lambda_unit * (self.longest or 0.0)])
 
-    def _add_drag(self, draft: _Draft) -> None:
+    def _add_drag(self, draft: ConeProgram) -> None:
         """Add `lambda_share` and `drag_cost` (k,), by which drag on the k cells raises the bound.
 
         Drag is the positive part of the damping, see `_add_damping`. A cell spends lambda_share of lambda on
@@ -349,7 +338,7 @@ class DualProgram:
         """
         width = self.series.width
         cell = eye_array(len(width), format="csr")
-        draft.sizes |= {"lambda_share": len(width), "drag_cost": len(width)}
+        draft.sizes.update({"lambda_share": len(width), "drag_cost": len(width)})
         # the units of drag, p_unit^(1/2), and of lambda_share give drag_cost the root of their product
         unit = np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit)
         draft.cost["drag_cost"] = -unit * width  # negative, because drag_cost raises the bound
@@ -430,7 +419,7 @@ class DualProgram:
 
 
 def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
-    """Bound C(F, w), the least of F z + w z^(1/2) + lambda z^(-1/2), from below.
+    """Bound C(factor, damping): C(F, w) is the least of F z + w z^(1/2) + lambda z^(-1/2), from below.
 
     The least is at z = y^2 with 2 F y^3 + w y^2 = lambda. Any y gives a bound; the root gives the sharpest.
     The terms are bounded as follows:
@@ -438,11 +427,6 @@ def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
     * with w < 0, w z^(1/2) is at least its tangent w y / 2 + w z / (2 y);
     * with w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2);
     * the remaining F and lambda give F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
-
-    Args:
-        factor: F >= 0.
-        damping: w.
-        lam: lambda.
     """
     y = _cost_minimiser(factor, damping, lam)
     positive = np.maximum(damping, 0.0)
@@ -488,22 +472,3 @@ def _sum_products(functions: Bernstein, x: Array) -> tuple[Array, Array]:
     total = multiply(functions.coefficients, x).sum(axis=2)
     error = (np.abs(x).max(axis=1) * functions.error).sum(axis=1)
     return total, error
-
-
-@dataclass
-class _Draft:
-    """The parts of a cone program, by names of the unknowns; methods `_add_...` add theirs in place.
-
-    sizes: number of unknowns of each name.
-    cost: cost of each unknown.
-    factor: rows (k SIZE, size) of the coefficients of (factor - minorant) times the width.
-    equal, nonnegative, cones: affine functions that must vanish, must not be negative, or lie in cones, as
-        for `ConeProgram`.
-    """
-
-    sizes: dict[str, int] = field(default_factory=dict)
-    cost: dict[str, Array] = field(default_factory=dict)
-    factor: dict[str, Any] = field(default_factory=dict)
-    equal: list[AffineRows] = field(default_factory=list)
-    nonnegative: list[AffineRows] = field(default_factory=list)
-    cones: list[list[AffineRows]] = field(default_factory=list)

@@ -283,10 +283,6 @@ def _rows_of_response(
     """Compute rows of torques and squared speeds at xi (M,) from a torque response.
 
     With the torques T_0 of the motion at y_0 and their slopes S by y, a torque is S y + (T_0 - S y_0).
-
-    Args:
-        response: the torques linearised about a motion in balance.
-        basis: the functions of xi whose combination is z.
     """
     specification = problem.specification
     torque, slopes, speed = response.evaluate_motors(xi)  # (M, n_a), (M, n_a, n), (M, n_a)
@@ -301,11 +297,7 @@ def _rows_of_response(
 def _squared_speed_rows(speed: Array, specification: Specification, z: SparseRows) -> tuple[SparseRows, ...]:
     """Compute rows (M, n) of squared speeds over their squared limits.
 
-    A motor without a limit has no rows.
-
-    Args:
-        speed: (M, n_a) of the motors over d sigma/dt.
-        z: rows (M, n) of the squared speed (d sigma/dt)^2.
+    Speeds (M, n_a) are over d sigma/dt, z has rows (M, n). A motor without a limit has no rows.
     """
     limit = specification.speed_limit
     ratios = (speed / limit)[:, np.isfinite(limit)]
@@ -330,8 +322,7 @@ def _curve_rows(
     drives = problem.specification.drives
     if drives is None:
         return ()
-    # the squared speed (M,) about which limits of drives are linearised; None before a law
-    z0 = None if problem.z0 is None else problem.z0(sigma)
+    z0 = None if problem.z0 is None else problem.z0(sigma)  # (M,)
     if problem.response is not None:
         z0 = np.maximum(z @ problem.response.y, np.finfo(float).tiny)
     curves = []

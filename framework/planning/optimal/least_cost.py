@@ -220,12 +220,8 @@ def solve_least_cost(
 def optimum_units(goal: str, speed: Speed, units: Units) -> Units:
     """Return the units of time and torque in which an optimum's duration and torque are 1.
 
-    The torque is the root mean square for the goal "energy", and the peak for all others.
-
-    Args:
-        goal: goal of the program.
-        speed: the optimum, with its durations, peaks and energy.
-        units: returned if the optimum has no finite duration.
+    The torque is the root mean square for the goal "energy", and the peak for all others. Without a finite
+    duration the units are returned.
     """
     # the solver sees the duration by the program's own quadrature, where it is an unknown
     time = speed.least_duration if np.isfinite(speed.least_duration) else speed.duration

@@ -24,7 +24,7 @@ from framework.numerics.sparse_rows import SparseRows
 from framework.planning.optimal.best_law import Best, make_best
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, cost_of
-from framework.planning.optimal.smooth_search import NEARLY_SETTLED, find_exceeded_places
+from framework.planning.optimal.smooth_search import NEARLY_SETTLED, SAME_DURATION, find_exceeded_places
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN
 
@@ -68,6 +68,8 @@ def find_next_law(best: Best, trust: float, share: float) -> Best | NoneFound:
     goal = problem.specification.goal
     is_required = np.isfinite(problem.stages)  # (m,)
     longest = None if goal == "time" else problem.specification.longest or best.search.duration_limit
+    if longest is not None:  # by the quadrature of the program, which differs from that of the law
+        longest *= 1.0 - SAME_DURATION
     stages = problem.bound_stages(longest)
     if stages is not None:  # required durations are tangents
         stages = np.where(is_required, np.inf, stages)

@@ -9,20 +9,28 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque
+from framework.errors import InvalidInput, NoAnswer, NoLaw, NotConverged, UnboundedTorque, round_up
 from framework.numerics.time_limit import seconds_ended
-from framework.planning.motor_use import find_largest_use, raise_drives
+from framework.planning.motor_use import motor_uses, raise_drives
 from framework.planning.optimal.best_law import Best
 from framework.planning.optimal.certified_motion import OptimalMotion, certify_motion
 from framework.planning.optimal.elastic_search import ElasticSearch
 from framework.planning.optimal.optimal_task import Task, check_single_crossings, check_speeds
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_undeformed_law
-from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence, advice_of
+from framework.planning.refusals import (
+    ELASTIC_RATIO,
+    LONGER_DURATIONS,
+    PRINTED_DIGITS,
+    HoldingTorque,
+    SearchEvidence,
+    advice_of,
+)
 from framework.planning.request import DRIVE_OPTIONS, limit_excess
 
 MAX_PASSES = 12  # of optimising a law and resolving its motion
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
+TRIAL_SHARE = 3.0  # the same, of a trial of an elastic robot
 
 
 def optimal_motion(task: Task) -> OptimalMotion:
@@ -83,27 +91,22 @@ def _try_motion(task: Task, changes: dict[str, Any], *, is_trial: bool = True) -
 
 
 def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
-    """Return the refusal of a task whose motion exceeds curves or RMS limits.
+    """Return the refusal of a task whose `plain` motion, without these, exceeds curves or RMS limits.
 
     Advised are the least duration found within all limits, or curves and RMS limits that hold the motion.
-
-    Args:
-        plain: the best motion within the other limits.
     """
     specification = task.specification
     drives = specification.drives
     assert drives is not None
-    use = find_largest_use(plain.dynamics, specification)
-    assert use is not None
+    use = max(motor_uses(plain.dynamics, specification), key=lambda use: use.ratio)
     quickest = None
     # RMS torques alone leave the first law of least time without a bound
     if specification.max_duration is not None and (specification.limited or specification.limited_speeds):
         quickest = _find_quickest(task)
     share = 1.0 - task.request.margin
     raised = raise_drives(plain.dynamics, drives, share)
-    least = LeastLimits(None, None, together=True, options=[raised])
-    evidence = SearchEvidence(len(plain.best.program.cells) - 1, least, quickest)
-    evidence = _try_remedies(task, evidence)
+    cells = len(plain.best.program.cells) - 1
+    evidence = _try_remedies(task, SearchEvidence(cells, options=[raised], quickest=quickest))
     clauses = [] if quickest is None else [f"within all limits the quickest law found takes {quickest:.4g} s"]
     if evidence.limits is not None:
         clauses.append(advice_of(task.robot, evidence.limits))
@@ -117,26 +120,23 @@ def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
 
 
 def _try_remedies(task: Task, evidence: SearchEvidence) -> SearchEvidence:
-    """Return the evidence with those of its limits and durations for which a motion is certified.
-
-    Args:
-        task: the task that was refused.
-        evidence: the search for the least limits and the least duration.
-    """
+    """Return the evidence with those of its limits and durations for which a motion is certified."""
     if evidence.start_speed is not None:
         slower = task.specification.ends._replace(start=evidence.start_speed)
         if _try_motion(task, {"ends": slower}) is not None:
             return evidence
         evidence = evidence._replace(start_speed=None)
     bound = "longest" if task.specification.duration is None else "duration"
-    durations = evidence.longer_durations(has_springs=task.robot.n_e > 0)
-    found = (duration for duration in durations if _try_motion(task, {bound: duration}) is not None)
-    evidence = evidence._replace(duration=next(found, None))
+    if evidence.quickest is not None:
+        ratios = (ELASTIC_RATIO,) if task.robot.n_e else LONGER_DURATIONS
+        durations = (round_up(ratio * evidence.quickest, PRINTED_DIGITS) for ratio in ratios)
+        found = (duration for duration in durations if _try_motion(task, {bound: duration}) is not None)
+        evidence = evidence._replace(duration=next(found, None))
     # limits of an undeformed robot may not suffice, and raised curves are those of other motors
-    if evidence.duration is not None and (task.robot.n_e or evidence.least.is_unknown):
+    if evidence.duration is not None and (task.robot.n_e or not evidence.has_peaks):
         return evidence
     share = 1.0 - task.request.margin
-    for raised in evidence.least.options:
+    for raised in evidence.options:
         changes: dict[str, Any] = {name: share * limit for name, limit in raised.items()}
         drives = task.specification.drives
         if drives is not None:  # a curve reaches up to the torque limit
@@ -168,7 +168,11 @@ def _find_motion(task: Task, *, is_trial: bool = False) -> OptimalMotion:
     if robot.n_e:
         check_speeds(task)
         search = ElasticSearch.of(task)
-        return next(search.find_motions()) if is_trial else search.find_motion()
+        if not is_trial:
+            return search.find_motion()
+        # smoothness may cost all that the limits leave: the least cost need not be found
+        starts = dict.fromkeys(start._replace(share=TRIAL_SHARE) for start in search.starts)
+        return next(replace(search, starts=tuple(starts)).find_motions())
     best = find_undeformed_law(task)
     for share in RIGID_SHARES:
         try:
@@ -180,9 +184,6 @@ def _find_motion(task: Task, *, is_trial: bool = False) -> OptimalMotion:
 
 def _certify_law(task: Task, best: Best) -> OptimalMotion:
     """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
-
-    Args:
-        best: the law, with the search that found it.
 
     Raises:
         NotConverged: limits are still exceeded, or a torque is not resolved; as `resolve`.

@@ -188,7 +188,6 @@ def _multiplier_basis(per_u: Array, internal: Array | None) -> tuple[Array, Arra
     e_i of a cell are orthogonal to cu at the node beside its middle.
 
     Args:
-        per_u: torques cu (k, NODES, m).
         internal: bases (k, NODES, m, r) of internal torques, on whose complement cu and e_i are projected;
             None without redundant motors.
     """
@@ -227,11 +226,7 @@ class SampledDemand(NamedTuple):
     motors: int
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
-        """Compute the motors' torques and speeds at sigma (M,), affine in z and u.
-
-        Args:
-            phi: the map from sigma to s.
-        """
+        """Compute the motors' torques and speeds at sigma (M,), affine in z and u."""
         s = phi(sigma)
         pole_product = _pole_product(s, self.poles)
         values = self.series(s)
@@ -240,8 +235,9 @@ class SampledDemand(NamedTuple):
             values, entries = np.split(values, [5 * self.motors], axis=1)
             internal = entries.reshape(len(s), self.motors, self.motors)
         *torques, speed = np.split(values, 5, axis=1)  # the five quantities of all motors
-        terms = PathTerms(*(torque / pole_product for torque in torques))
-        return Demand.compute(phi, sigma, terms, speed, friction=self.has_friction, internal=internal)
+        torque, damping = PathTerms(*(torque / pole_product for torque in torques)).transform(phi, sigma)
+        direction = speed if self.has_friction else None
+        return Demand(torque, damping, speed * phi(sigma, 1)[:, None], direction, internal)
 
 
 def _pole_product(s: Array, poles: Array) -> Array:

@@ -209,9 +209,6 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 
     A cell is cut if it has a large share of the integral of |nu|_1, or if the factor is not proved positive
     on it. Each cell then gets at least as many parts as its neighbours.
-
-    Args:
-        evidence: the bound that the multipliers prove, with its faults on each cell.
     """
     share_over_mean = evidence.shares * len(evidence.shares)
     halving_share, quartering_share = CUT_SHARES
@@ -222,19 +219,12 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 
 
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
-    """Solve with growing margins until the multipliers prove a bound; None without a solution.
+    """Solve with growing margins until the multipliers prove a bound; return the last proof, if any.
 
     The proof needs a factor of z that is above a line, the minorant, on each of k cells. The margin (k,) is
     the least distance between them that the program asks for. At first it covers the error of the solver
     and, with a proof on the previous cells, the error of the series times the multipliers x of that proof.
     Then it grows by twice the shortfall of the last solution: by how much its factor may be negative.
-
-    Args:
-        program: the search for multipliers on new cells.
-        previous: the proof on the previous cells, if any.
-
-    Returns:
-        The last proof, complete or not.
     """
     series = program.series
     margin = 2.0 * program.factor_error

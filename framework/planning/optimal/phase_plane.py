@@ -55,13 +55,6 @@ class AffineInSpeed(NamedTuple):
     per_z: Array
     per_u: Array
 
-    @staticmethod
-    def transform(phi: Smoothstep, sigma: Array, terms: PathTerms) -> AffineInSpeed:
-        """Return terms of 1, s'^2 and s" as functions of z and u: s'^2 = phi'^2 z, s" = phi' u + phi" z."""
-        dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
-        per_z = terms.centrifugal * dphi**2 + terms.inertial * ddphi
-        return AffineInSpeed(terms.static, per_z, terms.inertial * dphi)
-
     def with_damping(self, damping: Array, z0: Array | None) -> AffineInSpeed:
         """Add damping sqrt(z), linearised about z0 (M,) [1/s^2]; None leaves damping out.
 
@@ -84,10 +77,18 @@ class PathTerms(NamedTuple):
     inertial: Array
     damping: Array
 
+    def transform(self, phi: Smoothstep, sigma: Array) -> tuple[AffineInSpeed, Array]:
+        """Return the functions of z and u at sigma (M,), and damping (M, k) over d sigma/dt.
+
+        Here s'^2 = phi'^2 z and s" = phi' u + phi" z.
+        """
+        dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
+        per_z = self.centrifugal * dphi**2 + self.inertial * ddphi
+        return AffineInSpeed(self.static, per_z, self.inertial * dphi), self.damping * dphi
+
     def linearise(self, phi: Smoothstep, sigma: Array, z0: SquaredSpeed | None) -> AffineInSpeed:
         """Return the functions at sigma (M,), with damping linearised about a squared speed z0, if any."""
-        damping = self.damping * phi(sigma, 1)[:, None]
-        affine = AffineInSpeed.transform(phi, sigma, self)
+        affine, damping = self.transform(phi, sigma)
         return affine.with_damping(damping, None if z0 is None else z0(sigma))
 
 
@@ -100,43 +101,15 @@ class Demand(NamedTuple):
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt; None without dry friction
     internal: Array | None = None  # (M, n_a, n_a) projectors on internal torques of redundant motors
 
-    @staticmethod
-    def compute(
-        phi: Smoothstep,
-        sigma: Array,
-        torque: PathTerms,
-        speed: Array,
-        *,
-        friction: bool,
-        internal: Array | None,
-    ) -> Demand:
-        """Return the demand at sigma (M,) for torques by s', and speeds (M, n_a) over s'.
-
-        Args:
-            friction: whether dry friction acts on any motor.
-            internal: projectors (M, n_a, n_a) on internal torques; None without redundant motors.
-        """
-        dphi = phi(sigma, 1)[:, None]
-        affine = AffineInSpeed.transform(phi, sigma, torque)
-        return Demand(affine, torque.damping * dphi, speed * dphi, speed if friction else None, internal)
-
     def friction(self, size: Array) -> Array:
-        """Return torques (M, n_a) [N m] of dry friction, with the signs of the motor speeds.
-
-        Args:
-            size: (n_a,) [N m] torque of each motor's dry friction.
-        """
+        """Return torques (M, n_a) of dry friction, of a size (n_a,) [N m], by the signs of the speeds."""
         if self.direction is None:  # no motor has dry friction
             return np.zeros((len(self.speed), len(size)))
         return size * speed_signs(self.direction)
 
 
 def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
-    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma).
-
-    Args:
-        phi: the map from sigma to s.
-    """
+    """Compute torques and speeds of the undeformed robot's motors at sigma (M,), with s = phi(sigma)."""
     robot = branch.robot
     s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
@@ -150,7 +123,8 @@ def demand(branch: Branch, phi: Smoothstep, sigma: Array) -> Demand:
     has_friction = bool(robot.joint_friction[robot.actuated].any())
     internal = internal_projectors(robot, closed) if robot.n_a > robot.n else None
     speed = rates * robot.gear_ratio
-    return Demand.compute(phi, sigma, PathTerms(*terms), speed, friction=has_friction, internal=internal)
+    torque, damping = PathTerms(*terms).transform(phi, sigma)
+    return Demand(torque, damping, speed * phi(sigma, 1)[:, None], speed if has_friction else None, internal)
 
 
 def crossing_rows(
@@ -164,7 +138,6 @@ def crossing_rows(
     that of u on a path orthogonal to t_s, or all coefficients on a straight path without weight along t_s.
 
     Args:
-        phi: the map from sigma to s.
         z0: the squared speed about which damping is linearised, if any.
     """
     if crossing.corank > 1 or crossing.contact == "tangential":
@@ -184,10 +157,6 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: SingularPoint, z0: Sq
     At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
     (c0', cz', cu' + 2 cz, cu) per (1, z, u, u'). The derivative is that of a Chebyshev series through points
     about the crossing. Null vectors of the bordered system are smooth there, and so are the conditions.
-
-    Args:
-        phi: the map from sigma to s.
-        z0: the squared speed about which damping is linearised, if any.
     """
     sigma = float(phi.inverse(crossing.s))
     half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
@@ -216,14 +185,8 @@ def _conditions_at_points(
 ) -> tuple[Array, Array]:
     """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions per (1, z, u), and scales (corank, 1).
 
-    The scale is the largest sum of sizes of the terms of t_s . W_p. Values that are smaller by far are
-    rounding.
-
-    Args:
-        phi: the map from sigma to s.
-        sigma: parameters (M,) of the points, the last one that of the singular pose.
-        corank: number of uncontrolled motions.
-        z0: the squared speed about which damping is linearised, if any.
+    The last of sigma (M,) is that of the singular pose. The scale is the largest sum of sizes of the terms of
+    t_s . W_p. Values that are smaller by far are rounding.
     """
     robot = branch.robot
     s = phi(sigma)

@@ -13,9 +13,9 @@ durations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import chain, pairwise, product
+from itertools import chain, pairwise, product, tee
 from typing import NamedTuple
 
 import numpy as np
@@ -124,7 +124,6 @@ class SmoothSearch(NamedTuple):
         """Find a smooth law within the bounds, with the required instants, if any.
 
         Args:
-            similar: the speed of a similar law.
             is_least_known: whether the least cost counts all rows of the program. If not, it may be too low
                 for any law within the bounds, and is not raised here for the required instants.
 
@@ -137,14 +136,8 @@ class SmoothSearch(NamedTuple):
         problem = self.program.problem
         if not np.isfinite(problem.stages).any():
             return self, self._solve_above_floor(own, similar=similar)
-        starts = [] if similar is None else [similar]
-        if problem.stops:  # the law that meets the last instant alone may nearly meet the others
-            without_stops = problem.with_goal(self.goal, times=())._replace(stops=())
-            free = replace(self.program, problem=without_stops)
-            _, law = self._replace(program=free).find_smooth()
-            if isinstance(law, Speed):
-                starts.append(self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor))
-        law = self._settle_within(own, starts, similar)
+        own_starts, starts = tee(self._find_similar(similar))
+        law = self._settle_within(own, own_starts, similar)
         if isinstance(law, Speed) or not is_least_known:
             return self, law
 
@@ -161,22 +154,28 @@ class SmoothSearch(NamedTuple):
         smooth = search._settle_within(search.bounds, [best])
         return search, smooth if isinstance(smooth, Speed) else best
 
+    def _find_similar(self, similar: Speed | None) -> Iterator[Speed]:
+        """Yield a similar law, if any, and the one that meets the last required instant alone."""
+        if similar is not None:
+            yield similar
+        problem = self.program.problem
+        if problem.stops:  # it may nearly meet the others
+            without_stops = problem.with_goal(self.goal, times=())._replace(stops=())
+            _, law = self._replace(program=replace(self.program, problem=without_stops)).find_smooth()
+            if isinstance(law, Speed):
+                yield self.program.evaluate_speed(law.y, law.x)._replace(floor=law.floor)
+
     def _settle_within(
         self,
         bounds: Bounds,
-        starts: Sequence[Speed],
+        starts: Iterable[Speed],
         similar: Speed | None = None,
         goal: str = "curvature",
     ) -> Speed | NoneFound:
         """Find a law of least cost within bounds whose stages take what is required.
 
-        It is settled from the first start from which one is found, or is the best of those from laws that
-        wait in intervals of the same width.
-
-        Args:
-            starts: laws to begin with, before quick and waiting ones.
-            similar: a law whose floor serves, too.
-            goal: of `SpeedProgram.minimise`.
+        It is settled from the first start, of those given and then of quick and waiting laws, from which one
+        is found, or is the best of those from laws that wait in intervals of the same width.
         """
         quick = self._solve_above_floor(bounds, goal, similar)
         if isinstance(quick, NoneFound) and similar is not None:  # above another floor there may be one
@@ -186,7 +185,7 @@ class SmoothSearch(NamedTuple):
         law = self.adjust(quick, BLENDED_DURATION)  # which costs no more than that
         if law is not None:
             return law
-        for group in chain([[start] for start in starts], self._find_starts(quick, bounds, goal)):
+        for group in chain(([start] for start in starts), self._find_starts(quick, bounds, goal)):
             laws = list[Speed]()
             for start in group:
                 for settled_goal in dict.fromkeys((goal, "curvature")):  # if the first fails, the second
@@ -207,12 +206,8 @@ class SmoothSearch(NamedTuple):
         """Lower the cost of a law with the required instants; None if no step is found.
 
         A step changes z = (d sigma/dt)^2 by at most the share `trust`, and keeps the required durations to
-        first order. It is then adjusted to have these exactly. Steps that gain too little are made smaller.
-
-        Args:
-            law: the law; it may be beyond the bounds, so that the first step within them may cost more.
-            goal: the cost, as `SpeedProgram.minimise` names it.
-            bounds: the bounds; those of stages with a required duration do not count.
+        first order. The law may be beyond the bounds: the first step may cost more. A step is then adjusted
+        to have these exactly. Steps that gain too little are made smaller.
         """
         program = self.program
         bounds = self._bound_required(bounds, np.inf)
@@ -274,11 +269,6 @@ class SmoothSearch(NamedTuple):
 
         Those of a group wait in intervals of the same width, with the least cost, and are blended with the
         quick one. Above a lower floor laws may wait for longer.
-
-        Args:
-            quick: a law of which no stage takes longer than required.
-            bounds: of the settled laws.
-            goal: of the waiting laws.
         """
         required = np.isfinite(self.program.problem.stages)
         stages = self.program.problem.stages[required]
@@ -306,14 +296,9 @@ class SmoothSearch(NamedTuple):
 
         Each program requires it of the tangents about the law before, which are below the durations, or, as a
         tangent of T is nowhere above 1.5 T, LONGER_STEP times what a stage takes. A single stage that then
-        takes too long is blended with a quick law. Where the excess of several does not fall, as tangents may
-        lead from one slow place to another, programs bound the durations themselves.
-
-        Args:
-            law: the first law, above whose floor others are sought.
-            quick: a law of which no stage takes longer than required.
-            bounds: the bounds; those of stages with a required duration do not count.
-            goal: of `SpeedProgram.minimise`.
+        takes too long is blended with the quick law, of which no stage takes longer than required. Where the
+        excess of several does not fall, as tangents may lead from one slow place to another, programs bound
+        the durations themselves.
         """
         program = self.program
         stages = program.problem.stages
@@ -398,11 +383,6 @@ class SmoothSearch(NamedTuple):
         1 / longest duration^2. With a similar law that has a floor, only the one nearest to its own is tried;
         if it has no solution, callers search again without the similar law. A series whose z dips below zero
         between the points ends the search: above a lower floor it would dip deeper.
-
-        Args:
-            bounds: bounds of duration, peak and energy.
-            goal: of `SpeedProgram.minimise`.
-            similar: the speed of a similar law, with its floor.
         """
         if bounds.longest is None:
             return NoneFound(self.program, "no duration was found")
@@ -421,15 +401,11 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, status)
 
     def _choose_waits(self, width: float, goal: str) -> Iterator[BoolArray]:
-        """Yield masks (m, points) of intervals of the required stages in which a law may wait.
+        """Yield masks (m, points) of intervals, `width` of each required stage, in which a law may wait.
 
         For a smooth law a stage waits at its ends at rest, if it has any; else in the middle of its longest
         gap between crossings. For another goal it waits at the end at which holding is cheaper, and then
         where it is even cheaper inside: at local minima of the sum of (torque at rest over the reference)^2.
-
-        Args:
-            width: width of the intervals, over that of the stage.
-            goal: of the law.
         """
         problem = self.program.problem
         positive_xi = np.clip(self.program.positive_xi, -1.0, 1.0)
@@ -470,11 +446,6 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
 
     Only intervals beside a point that nearly reaches a limit are searched. If a limit is exceeded anywhere,
     local maxima that nearly reach one are added, since the next law would exceed the limit there.
-
-    Args:
-        program: the program, whose rows keep the limits at its points.
-        speed: its solution.
-        bounds: the bounds of this solution.
     """
     problem = program.problem
     allowed = problem.specification.torque_limit  # (n_a,) [N m]

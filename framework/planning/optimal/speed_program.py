@@ -130,8 +130,9 @@ class SpeedProgram:
         because torques change quickly in these cells. A cell in which an instant is required has two halves
         with points of their own, so that integrals end there.
         """
-        degree = problem.degree  # with one, z is one series over the whole path, whatever the cells
-        basis = SpeedBasis.from_cells(cells) if degree is None else SpeedBasis(np.array(ONE_CELL), degree + 1)
+        basis = SpeedBasis.from_cells(cells)
+        if problem.degree is not None:  # one series over the whole path, whatever the cells
+            basis = SpeedBasis(np.array(ONE_CELL), problem.degree + 1)
         crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
@@ -292,7 +293,7 @@ class SpeedProgram:
         about: tuple[Array, Array, bool] | None = None,
         stage: int = -1,
         tolerance: float = TOLERANCE,
-        model: tuple[Mapping[str, Array], AffineRows] | None = None,
+        model: tuple[dict[str, Array], AffineRows] | None = None,
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
 
@@ -317,7 +318,12 @@ class SpeedProgram:
         scale = units.time**2  # the unknown y is in units of 1 / time^2
         timed = goal == "time" or bounds.longest is not None  # whether the duration counts
         # motors whose squared torques count for an energy, by the name of its unknowns
-        rms_motors = self._rms_motors if bounds.torque_limits and goal != "limits" else []
+        rms_motors = list[int]()
+        drives = problem.specification.drives
+        counts = bounds.torque_limits and goal != "limits"
+        # over an open duration they count from the second law on, over the time that the first suggests
+        if counts and drives is not None and problem.averaging_time is not None:
+            rms_motors = np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
         powers = {f"e{motor}": [motor] for motor in rms_motors}
         if rms_motors:
             tolerance = max(tolerance, RMS_TOLERANCE)
@@ -356,7 +362,7 @@ class SpeedProgram:
             tangents = self._duration_tangents(y_0, durations, units)
             (equal if is_equal else nonnegative).append(tangents)
 
-        cost: Mapping[str, Array] = {"peak": np.ones(1)}
+        cost: dict[str, Array] = {"peak": np.ones(1)}
         square = None
         if model is not None:
             cost, square = model
@@ -385,26 +391,10 @@ class SpeedProgram:
         x = optimum["x"] * self._internal_unit(units) if self.frames is not None else NO_INTERNAL
         return self.evaluate_speed(y, x, least)._replace(floor=float(np.min(floor)))
 
-    @property
-    def _rms_motors(self) -> list[int]:
-        """The motors whose RMS torque has a limit.
-
-        Where the duration is open they count from the second law on, over the time that the first suggests.
-        """
-        drives = self.problem.specification.drives
-        if drives is None or self.problem.averaging_time is None:
-            return []
-        return np.flatnonzero(np.isfinite(drives.rms_torque_limit)).tolist()
-
     def _bound_integrals(self, bounds: Bounds, units: Units, rms_motors: Sequence[int]) -> list[AffineRows]:
         """Return bounds less integrals of durations and energies, as rows that may not be negative.
 
         The bound of an RMS torque over the time T is one of the integral of its square: limit^2 T.
-
-        Args:
-            bounds: bounds of durations and energy, and the share of RMS limits that may be used.
-            units: units of the program.
-            rms_motors: motors whose RMS torque is bounded.
         """
         rows = []
         if bounds.longest is not None:
@@ -452,11 +442,6 @@ class SpeedProgram:
 
         The unknown `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed",
         and both, as a multiple of their limits, for "limits".
-
-        Args:
-            goal: goal of `minimise`.
-            bounds: the bound of the peak, and the share of the limits that may be used.
-            units: units of the program.
         """
         rows = list[AffineRows]()
         limits = self.problem.specification.torque_limit  # (n_a,) [N m]
@@ -488,11 +473,7 @@ class SpeedProgram:
         return rows
 
     def _torques_in_units(self, units: Units) -> list[AffineRows]:
-        """Return for each motor the rows (M, n) of its torque over its reference, in a program's units.
-
-        Args:
-            units: units of time and torque of the program; y is in 1 / time^2.
-        """
+        """Return for each motor the rows (M, n) of its torque over its reference, in a program's units."""
         torques = []
         for motor, reference in enumerate(self.problem.reference):
             matrix, offset = self.rows.torque[motor]
@@ -519,13 +500,8 @@ class SpeedProgram:
     ) -> list[list[AffineRows]]:
         """Return the cones of durations and energies at the points with a weight.
 
-        They are r^2 <= z, v r >= 1 and e r >= |torque|^2. The first is 4 z >= (2 r)^2, that is
-        z + 1 >= |(z - 1, 2 r)|, since (z + 1)^2 - (z - 1)^2 = 4 z.
-
-        Args:
-            units: units of the program.
-            powers: motors whose torques count for an energy, by the name of its unknowns.
-            timed: whether the duration counts.
+        They are, if durations or the powers of motors count, r^2 <= z, v r >= 1 and e r >= |torque|^2. The
+        first is 4 z >= (2 r)^2, that is z + 1 >= |(z - 1, 2 r)|, since (z + 1)^2 - (z - 1)^2 = 4 z.
         """
         count = self.z.shape[0]
         identity = SparseRows.identity(count)

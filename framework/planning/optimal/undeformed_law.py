@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct
+from framework.errors import InvalidInput, NoLaw, NotConverged, format_distinct, round_up
 from framework.laws.optimal_law import OptimalLaw, Smoothstep
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.best_law import Best, adapt_law, find_best_law, resume_law
@@ -29,10 +29,10 @@ from framework.planning.optimal.smooth_search import NEARLY_REACHED
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.planning.refusals import (
     ELASTIC_RATIO,
+    LARGEST_RAISE,
     PRINTED_DIGITS,
     RAISED_RATIO,
     HoldingTorque,
-    LeastLimits,
     SearchEvidence,
 )
 from framework.tolerances import (
@@ -75,15 +75,14 @@ def settle_tangents(problem: LawProblem, *, enough: float = 0.0) -> Best | NoneF
     have one about another. The second z0 is that of the law of least peak without limits of torque.
 
     Args:
-        problem: a problem without damping.
         enough: peak over the reference, with the damping of the law, below which the search may end.
 
     Raises:
         NotConverged: law and damping do not settle together.
     """
     longest = problem.specification.longest
-    has_drives = problem.specification.drives is not None
-    if has_drives and problem.specification.goal == "time" and longest is not None:
+    drives = problem.specification.drives
+    if drives is not None and problem.specification.goal == "time" and longest is not None:
         # inner approximations about other laws may ask for more time than the quickest law
         result = settle_tangents(problem.with_goal("time", longest=None))
         if isinstance(result, NoneFound) or result.law.duration <= longest:
@@ -95,18 +94,17 @@ def settle_tangents(problem: LawProblem, *, enough: float = 0.0) -> Best | NoneF
     result = find_best_law(problem)
     is_damped = problem.task.robot.is_damped
     averages = problem.averages_open_duration
-    drives = problem.specification.drives
-    if not (is_damped or averages or (drives is not None and drives.has_curve.any())):
-        return result  # nothing is linearised about a law
+    if not is_damped and not averages and (drives is None or not drives.has_curve.any()):
+        return result  # nothing is linearised
     is_about_least_peak = not problem.specification.limited
     for _ in range(MAX_TANGENTS):
         if isinstance(result, NoneFound):
             if is_about_least_peak:
                 return result
             is_about_least_peak = True
-            no_limit = np.full_like(problem.reference, np.inf)  # the reference stays the same
-            open_problem = problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
-            result = settle_tangents(open_problem, enough=1.0 - 2.0 * LIMIT_MARGIN)
+            no_limit = np.full_like(problem.reference, np.inf)
+            lifted = problem.with_goal("peak_torque", torque_limit=no_limit, drives=None)
+            result = settle_tangents(lifted, enough=1.0 - 2.0 * LIMIT_MARGIN)
             if isinstance(result, NoneFound):
                 return result
             problem = _linearise(problem, result.law.squared_speed)
@@ -143,23 +141,8 @@ def settle_tangents(problem: LawProblem, *, enough: float = 0.0) -> Best | NoneF
 
 
 def adapt_found_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best:
-    """Find a smooth law near the best, with tighter limits or a larger cost.
-
-    Args:
-        best: a law that exceeds limits, or that is not smooth enough.
-        excess: largest torque or speed of the best law's motion over its limit; limits are divided by it.
-        share: share of the least cost by which the cost of a smooth law may exceed it.
-
-    Raises:
-        NotConverged: no such law was found.
-    """
+    """Find a smooth law near the best, as `adapt_law`, that meets condition (8) with its own damping."""
     adapted = adapt_law(best, excess=excess, share=share)
-    if isinstance(adapted, NoneFound):
-        raise NotConverged(
-            "no law near the best keeps all limits between its points",
-            name=best.program.problem.task.robot.name,
-            residual=excess - 1.0,
-        )
     problem = adapted.program.problem
     if not problem.task.robot.is_damped:
         return adapted
@@ -188,7 +171,6 @@ def solve_problem(
     """Find the best law of a problem.
 
     Args:
-        share: share of the least cost by which the cost of a smooth law may exceed it.
         similar: the law of a similar problem; the search resumes from it if z has the same basis.
 
     Raises:
@@ -232,9 +214,6 @@ def _drive_slack(problem: LawProblem, best: Best) -> float:
     Where a curve is nearly reached, it is the difference of the ratios by the tangent and by the law itself.
     RMS torques over a time that is longer than the law count as not settled; a shorter one leaves a share
     free if they reach their limits.
-
-    Args:
-        problem: the problem that the law solves.
     """
     drives = problem.specification.drives
     if drives is None:
@@ -280,12 +259,7 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
 
 
 def _meet_conditions(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
-    """Find the law nearest in speed that meets condition (8), t_s . W_p = 0, with damping, to rounding.
-
-    Args:
-        problem: the problem that the law solves with linearised damping.
-        law: the law to change.
-    """
+    """Find the law nearest in speed that meets condition (8), t_s . W_p = 0, with damping, to rounding."""
     space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
         problem = _linearise(problem, law.squared_speed)
@@ -325,17 +299,16 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
             words = "no law of free shape was found within torque-speed curves and RMS torques"
             return NotConverged(words, name=name, residual=np.inf)
     holding = _overloaded_at_ends(problem)
-    least = find_least_limits(problem)
-    if holding is None and not none.infeasible and least.is_unknown:
+    evidence = find_least_limits(problem)._replace(cells=cells)
+    if holding is None and not none.infeasible and not evidence.has_peaks:
         return not_found
 
     # a proof, if there is one, and what would help
-    is_open = holding is None and problem.specification.max_duration is not None
-    evidence = SearchEvidence(cells, least, _find_quickest(problem) if is_open else None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
+    quickest = None if problem.specification.max_duration is None else _find_quickest(problem)
     proof = find_refuting_bound(problem.task)
-    evidence = evidence._replace(start_speed=_find_slower_start(problem))
+    evidence = evidence._replace(quickest=quickest, start_speed=_find_slower_start(problem))
     start = ""
     if evidence.start_speed is not None:
         start = f" from s' = {problem.specification.ends.start[0]:g} 1/s"
@@ -344,7 +317,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
         peak, _ = format_distinct(proof.value, 1.0)
         start += ", too fast to brake within the limits" if start else ""
         reason = f"no law is admissible{start}: each needs {peak} times the torque limits or more"
-        reason += ", if the speeds keep theirs" * least.together
+        reason += ", if the speeds keep theirs" * evidence.together
     return NoLaw(reason, name=name, clauses=evidence.clauses, proof=proof, evidence=evidence)
 
 
@@ -372,12 +345,7 @@ def _describe_times(program: SpeedProgram) -> str:
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
-    """Return the refusal of a path at whose start or end a motor cannot hold the robot.
-
-    Args:
-        holding: the torque that the motor lacks.
-        evidence: the search for limits with which the problem has a law.
-    """
+    """Return the refusal of a path at whose start or end a motor cannot hold the robot."""
     robot = problem.task.robot
     end = "start" if holding.s == 0 else "end"
     unit = dict(zip(robot.actuator_names, robot.torque_units, strict=True))[holding.joint]
@@ -398,7 +366,7 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
     )
 
 
-def find_least_limits(problem: LawProblem) -> LeastLimits:
+def find_least_limits(problem: LawProblem) -> SearchEvidence:
     """Find the least multiples of the limits with which a problem has a law.
 
     First, torque limits and speed limits are raised alone, within the limits of the other kind. If neither
@@ -420,9 +388,19 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
         torque, speed = find_least("limits")
+        together = torque is not None
+    # a little above the peaks, with the margin of the request
     ratio = ELASTIC_RATIO if problem.task.robot.n_e else RAISED_RATIO
     ratio /= 1.0 - problem.task.request.margin
-    return LeastLimits.of(specification, torque, speed, ratio, together=together and torque is not None)
+    limits = {}
+    for name, peak in (("torque_limit", torque), ("speed_limit", speed)):
+        if peak is not None and peak <= LARGEST_RAISE:
+            raised = ratio * peak * getattr(specification, name)  # (n_a,)
+            limits[name] = np.array([round_up(limit, PRINTED_DIGITS) for limit in raised])
+    options = [{name: limit} for name, limit in limits.items()]
+    if together:
+        options = [limits] if len(limits) == 2 else []
+    return SearchEvidence(0, torque, speed, together, options)
 
 
 def _find_slower_start(problem: LawProblem) -> tuple[float, ...] | None:

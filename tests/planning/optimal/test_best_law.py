@@ -10,21 +10,18 @@ import robots
 from framework import InvalidInput, Line, locate_singularities, plan_crossing, plan_scene, simulate
 from framework.laws.law import least_value
 from framework.laws.squared_speed import SpeedSpace
-from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows
-from framework.planning.optimal.least_cost import find_least_cost, first_cells
-from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.least_cost import find_least_cost
 from framework.planning.optimal.peak_bound import bound_plan
-from framework.planning.optimal.speed_program import SpeedProgram, Units
+from framework.planning.optimal.speed_program import Units
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
-from framework.planning.request import Request, specification_of
 from framework.planning.saved import plan_document
 from framework.planning.scenes import scene_path
-from framework.singularity.points_on_path import search_path
 from framework.tolerances import SQUARED_SPEED_FLOORS
 from tests.oracles.equations_of_motion import defects_of
 from tests.planning.optimal.least_energy import least_energy
+from tests.planning.optimal.tasks import series_program, task_of
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 PAPERS = 0.164918  # [N m] peak torque of the paper's law in scene C, rigid robot
@@ -268,9 +265,7 @@ def test_the_optimal_law_crosses_there_too(half):
 @pytest.mark.parametrize("share", [0.08, 1.0])
 def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
     robot, path = robots.load("five_bar", flexibility="flexible_links"), Line([0.1, 0.345], [-0.05, 0.195])
-    request = Request.of(robot, path, duration=1.5, law="optimal")
-    searched = search_path(robot, path)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    task = task_of(robot, path, duration=1.5)
     law = solve_problem(problem_of(task), share=share).law
     series = _fit_series(problem_of(task), law)
     assert not series.basis.is_spline
@@ -286,11 +281,7 @@ def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
 def test_the_conditions_of_an_end_in_motion_are_not_nearly_parallel():
     """The derivatives of Chebyshev polynomials are; on such rows the solver needs a multiple of its time."""
     robot = robots.load("five_bar", flexibility="flexible_joints")
-    request = Request.of(robot, LINE, duration=1.5, law="optimal", start_speed=[0.6, 0.3, -1.0, 5.0])
-    searched = search_path(robot, LINE)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task)._replace(degree=40)
-    program = SpeedProgram.on_cells(problem, first_cells(problem))
+    program = series_program(task_of(robot, LINE, duration=1.5, start_speed=[0.6, 0.3, -1.0, 5.0]), 40)
     _, *rows = program.solved_conditions.matrix.toarray()
     assert np.shape(rows) == (4, 41)
     assert np.linalg.cond(rows) < 1.001
@@ -301,11 +292,8 @@ def test_the_conditions_of_an_end_in_motion_are_not_nearly_parallel():
 @pytest.mark.parametrize("least", [1e-2, 1e-3])
 def test_the_tangent_of_the_duration_is_the_duration_at_its_law_and_below_it_elsewhere(robot, least):
     """Durations by QUADPACK, of laws that are slow in the middle of the path."""
-    request = Request.of(robot, LINE, duration=3.0, law="optimal")
-    searched = search_path(robot, LINE)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task)._replace(degree=40)
-    program = SpeedProgram.on_cells(problem, first_cells(problem))
+    task = task_of(robot, LINE, duration=3.0)
+    program = series_program(task, 40)
 
     def duration(y: np.ndarray) -> float:
         def slowness(sigma: float) -> float:
@@ -327,10 +315,7 @@ def test_the_tangent_of_the_duration_is_the_duration_at_its_law_and_below_it_els
 def test_the_least_energy_of_a_series_is_that_of_splines():
     robot = robots.load("biglide", flexibility="flexible_joints")
     path = scene_path(robot.description.scenes["across"])
-    request = Request.of(robot, path, longest=1.0, optimize="energy", law="optimal", smoothness=6)
-    searched = search_path(robot, path)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task)
+    problem = problem_of(task_of(robot, path, longest=1.0, optimize="energy", smoothness=6))
     series = find_least_cost(problem._replace(degree=40)).speed.energy
     assert series == pytest.approx(find_least_cost(problem).speed.energy, rel=1e-2)
 

@@ -9,14 +9,9 @@ from numpy.polynomial.chebyshev import poly2cheb
 
 import robots
 from framework import Line
-from framework.planning.crossing_points import PathToCross
-from framework.planning.optimal.least_cost import first_cells
 from framework.planning.optimal.next_law import _model_cost
-from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.speed_program import SpeedProgram, Units
-from framework.planning.optimal.undeformed_law import problem_of
-from framework.planning.request import Request, specification_of
-from framework.singularity.points_on_path import search_path
+from framework.planning.optimal.speed_program import Units
+from tests.planning.optimal.tasks import series_program, task_of
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -24,12 +19,8 @@ LINE = Line([0.1, 0.345], [-0.05, 0.195])
 @pytest.mark.parametrize(("goal", "limits"), [("time", {"torque_limit": 2.0}), ("energy", {"duration": 1.5})])
 def test_the_model_of_a_step_is_right_to_second_order(goal, limits):
     robot = robots.load("five_bar")
-    request = Request.of(robot, LINE, optimize=goal, law="optimal", **limits)
-    searched = search_path(robot, LINE)
-    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    problem = problem_of(task)._replace(degree=12)
-    program = SpeedProgram.on_cells(problem, first_cells(problem))
-    program = replace(program, problem=problem._replace(response=SimpleNamespace(holds_rest=False)))
+    program = series_program(task_of(robot, LINE, optimize=goal, **limits), 12)
+    program = replace(program, problem=program.problem._replace(response=SimpleNamespace(holds_rest=False)))
     y_0 = np.pad(poly2cheb([1.0, 0.2, 0.3]), (0, 10))
     change = np.random.default_rng(0).uniform(-0.05, 0.05, 13)
     unit = 0.7
@@ -45,9 +36,8 @@ def test_the_model_of_a_step_is_right_to_second_order(goal, limits):
         weights = program.weights[1:-1]
         if goal == "time":
             return float(weights @ z**-0.5)
-        torque = (
-            np.stack([row(y)[1 : len(z) + 1] for row in program.rows.torque]) / problem.reference[:, None]
-        )
+        torque = np.stack([row(y)[1 : len(z) + 1] for row in program.rows.torque])
+        torque /= program.problem.reference[:, None]
         return float(weights @ ((torque**2).sum(axis=0) * z**-0.5))
 
     errors = []

@@ -14,7 +14,6 @@ import robots
 from framework import Line, ParallelRobot, plan_crossing
 from framework.model.description import JointDynamics
 from framework.numerics.bernstein import DEGREE, Bernstein
-from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal import path_series, peak_bound
 from framework.planning.optimal.dual_program import DualProgram, Evidence, Multipliers
 from framework.planning.optimal.law_problem import LawProblem
@@ -22,10 +21,10 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries
 from framework.planning.optimal.peak_bound import bound_duration, bound_peak, find_refuting_bound
 from framework.planning.optimal.phase_plane import AffineInSpeed, Demand
-from framework.planning.request import Request, Specification, specification_of
+from framework.planning.request import Specification
 from framework.planning.scenes import scene_path
-from framework.singularity.points_on_path import search_path
 from tests.mutated_code import mutated_code
+from tests.planning.optimal.tasks import task_of
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 MASS, LIMIT = 3.0, 2.0
@@ -328,13 +327,6 @@ def test_at_the_ends_motors_overcome_friction_the_way_they_turn(monkeypatch, sid
     weight = lambda s: (1.0 + s, 0.0 * s, 2.0 + 0.0 * s)  # noqa: E731
     task = motion(monkeypatch, torque=weight, direction=lambda s: side + 0.0 * s, friction=0.3)
     np.testing.assert_allclose(peak_bound.torques_at_ends(task)[:, 0], [1.0 + 0.3 * side, 2.0 + 0.3 * side])
-
-
-def task_of(robot, path, **options):
-    """The task of an optimal law."""
-    request = Request.of(robot, path, law="optimal", **options)
-    searched = search_path(robot, path).under(request.external_wrenches)
-    return Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
 
 
 def peak_of(plan, reference):

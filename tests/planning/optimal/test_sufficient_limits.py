@@ -23,11 +23,11 @@ def refused(*arguments, plan=plan_crossing, **options):
     """The least limits that a refusal found, as options; each set of them would do."""
     with pytest.raises(NoLaw, match="would do") as caught:
         plan(*arguments, **options)
-    least, advised = caught.value.evidence.least, caught.value.evidence.limits
-    for name, limit in advised.items():
+    evidence = caught.value.evidence
+    for name, limit in evidence.limits.items():
         assert name in str(caught.value)
-        assert np.all(limit >= np.array(options[name], dtype=float) * (1 - 1e-12)) or least.together
-    return least.options
+        assert np.all(limit >= np.array(options[name], dtype=float) * (1 - 1e-12)) or evidence.together
+    return evidence.options
 
 
 def kept(plan, torque_limit=np.inf, speed_limit=np.inf):
@@ -85,9 +85,7 @@ def test_limits_and_durations_that_would_do_count_damping_and_friction(damping, 
         limit = change.get("torque_limit", options["torque_limit"])
         kept(plan_crossing(robot, LINE, **{**options, **change}), torque_limit=limit)
     assert f"{evidence.limits['torque_limit'].max():.6g} N m would do" in str(refused.value)
-    assert (
-        1.0 < evidence.least.torque_peak / refused.value.proof.value < 1.1
-    )  # no law has less than the bound
+    assert 1.0 < evidence.torque_peak / refused.value.proof.value < 1.1  # no law has less than the bound
 
 
 @pytest.mark.slow
