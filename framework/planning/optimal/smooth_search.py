@@ -50,6 +50,7 @@ WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
 # places between two neighbouring points where limits are checked, as shares of their interval
 PLACES_BETWEEN_POINTS = np.arange(1, 6) / 6
+LEAST_DISTANCE = 0.1  # of a further point from the others, over that of two places
 NEARLY_REACHED = 0.98  # ratio of a torque or squared speed to its limit; the next law may exceed it
 
 
@@ -469,8 +470,19 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     ratio = rows.largest_limit_ratio(speed.y, speed.x, allowed)
     if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
-    padded = np.pad(ratio, 1, constant_values=-np.inf)
-    is_maximum = (ratio >= padded[:-2]) & (ratio >= padded[2:])
+
+    ends = np.unique([intervals, intervals + 1])  # points beside these places
+    xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
+    xi, ratio = xi[np.argsort(xi)], ratio[np.argsort(xi)]
+    rise, fall = np.diff(ratio)[:-1], -np.diff(ratio)[1:]
     # internal torques give way at other places, and their rows are many
     nearly_reached = NEARLY_REACHED if program.frames is None else 1.0
-    return xi[is_maximum & (ratio > nearly_reached)]
+    chosen = np.flatnonzero(
+        (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0) & (ratio[1:-1] > nearly_reached)
+    )
+    # the vertices of parabolas through three places, where ratios may be larger by 1e-3 than at any of these
+    before, after, rise, fall = np.diff(xi)[chosen], np.diff(xi)[chosen + 1], rise[chosen], fall[chosen]
+    vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
+    taken = np.append(program.xi, problem.crossing_xi)
+    distance = np.abs(vertices[:, None] - taken).min(axis=1)
+    return vertices[distance > LEAST_DISTANCE * np.minimum(before, after)]
