@@ -473,15 +473,17 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
 
     ends = np.unique([intervals, intervals + 1])  # points beside these places
     xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
-    xi, ratio = xi[np.argsort(xi)], ratio[np.argsort(xi)]
-    rise, fall = np.diff(ratio)[:-1], -np.diff(ratio)[1:]
+    order = xi.argsort()
+    xi, ratio = xi[order], ratio[order]  # (R,)
+    step, change = np.diff(xi), np.diff(ratio)  # (R - 1,)
+    rise, fall = change[:-1], -change[1:]  # to each place and from it, (R - 2,)
     # internal torques give way at other places, and their rows are many
     nearly_reached = NEARLY_REACHED if program.frames is None else 1.0
     chosen = np.flatnonzero(
         (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0) & (ratio[1:-1] > nearly_reached)
     )
     # the vertices of parabolas through three places, where ratios may be larger by 1e-3 than at any of these
-    before, after, rise, fall = np.diff(xi)[chosen], np.diff(xi)[chosen + 1], rise[chosen], fall[chosen]
+    before, after, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
     vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
     taken = np.append(program.xi, problem.crossing_xi)
     distance = np.abs(vertices[:, None] - taken).min(axis=1)
