@@ -22,7 +22,12 @@ from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.restoration import LEAST_MISFIT, BalanceSolution, refine_balance
 from framework.dynamics.static_fold import find_static_fold
-from framework.dynamics.torque_response import foresee_deflections, peaks_at_nodes, renew_cells, respond_to_law
+from framework.dynamics.torque_response import (
+    foresee_deflections,
+    peaks_at_nodes,
+    renew_cells,
+    respond_to_law,
+)
 from framework.errors import (
     NoAnswer,
     NoLaw,
