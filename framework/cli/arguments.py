@@ -117,15 +117,19 @@ def parse_file(options: Namespace, *, propose: Propose) -> ParsedRobot:
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
 
+def named_words(option: str, words: Sequence[str], form: str) -> dict[str, str]:
+    """Parse words NAME=TEXT."""
+    pairs = [word.partition("=") for word in words]
+    for (name, _, text), word in zip(pairs, words, strict=True):
+        if not name or not text:
+            raise InvalidInput(f"{option}: needs {form}, got {word!r}")
+    return {name: text for name, _, text in pairs}
+
+
 def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, float]:
     """Parse words NAME=VALUE with finite numbers."""
-    values = {}
-    for word in words:
-        name, _, text = word.rpartition("=")
-        if not name:
-            raise InvalidInput(f"{option}: needs {form} with a finite number, got {word!r}")
-        values[name] = number(f"{option} {name}", text)
-    return values
+    texts = named_words(option, words, f"{form} with a finite number")
+    return {name: number(f"{option} {name}", text) for name, text in texts.items()}
 
 
 def _missing_fields(options: Namespace) -> MotionOptions:

@@ -323,9 +323,7 @@ class ComputedTorque:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
         An `offset` (R, n) is added to the errors of x. The torques are infinite where the naive controller
-        divides by zero. The open tree needs the generalised forces r. Its passive joints (p) determine the
-        multipliers lambda of the loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda
-        on the joint side.
+        divides by zero.
         """
         ref = self.reference
         robot = ref.robot
