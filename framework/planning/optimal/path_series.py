@@ -264,28 +264,17 @@ def sample_demand(task: Task) -> SampledDemand | None:
         if required.internal is not None:
             quantities.append(required.internal.reshape(len(grid.times), -1))
         series = grid.fit(np.concatenate(quantities, axis=1))
-        is_unresolved = _find_unresolved(series, task.robot.n_a)
-        if not is_unresolved.any():
-            return SampledDemand(poles, series, required.direction is not None, task.robot.n_a)
-        edges = cut_cells(task, edges, np.where(is_unresolved, 2, 1))
+        # a quantity is resolved on a panel if it is finite and its last two coefficients are small compared
+        # with the largest one, over all motors; torques per s'^2 and per s" have one unit, and either may be
+        # rounding of the other
+        sizes = np.abs(series.coefficients)  # (P, size, quantities)
+        motors = task.robot.n_a
+        by_quantity = sizes[..., : 5 * motors].reshape(*sizes.shape[:2], 5, motors).max(axis=3)
+        at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)  # (P, size) each
+        internal = sizes[..., 5 * motors :].max(axis=2, initial=0.0)
+        sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed, internal], axis=2)
+        is_resolved = sizes[:, -2:].max(axis=1) <= MEASURE_TAIL * sizes.max(axis=1)  # (P, 5), false for NaN
+        if is_resolved.all():
+            return SampledDemand(poles, series, required.direction is not None, motors)
+        edges = cut_cells(task, edges, np.where(is_resolved.all(axis=1), 1, 2))
     return None
-
-
-def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Return the mask (P,) of panels on which a quantity is not resolved.
-
-    The quantities are those of `SampledDemand.series`, each of all motors. A quantity is resolved if it is
-    finite and its last two coefficients are small compared with the largest one, over all motors. Torques per
-    s'^2 and per s" have the same unit and are compared with the larger of the two, because either may be
-    rounding of the other.
-    """
-    panels, size, _ = series.coefficients.shape
-    coefficient_sizes = np.abs(series.coefficients)
-    by_quantity = coefficient_sizes[..., : 5 * motors].reshape(panels, size, 5, motors).max(axis=3)
-    at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)  # (P, size) each
-    internal = coefficient_sizes[..., 5 * motors :].max(axis=2, initial=0.0)
-    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed, internal], axis=2)
-    tail = sizes[:, -2:].max(axis=1)
-    largest = sizes.max(axis=1)
-    is_resolved = tail <= MEASURE_TAIL * largest  # (P, 5), false for NaN
-    return np.asarray(~is_resolved.all(axis=1))

@@ -471,18 +471,22 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
 
-    ends = np.unique([intervals, intervals + 1])  # points beside these places
+    # internal torques give way at other places, and their rows are many
+    nearly_reached = NEARLY_REACHED if program.frames is None else 1.0
+    if problem.response is None:
+        padded = np.pad(ratio, 1, constant_values=-np.inf)
+        is_maximum = (ratio >= padded[:-2]) & (ratio >= padded[2:])
+        return xi[is_maximum & (ratio > nearly_reached)]
+    # torques of elastic robots peak more sharply, 1e-3 above all places: rows at the vertices of parabolas
+    # through three places or points
+    ends = np.unique([intervals, intervals + 1])
     xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
     order = xi.argsort()
     xi, ratio = xi[order], ratio[order]  # (R,)
     step, change = np.diff(xi), np.diff(ratio)  # (R - 1,)
     rise, fall = change[:-1], -change[1:]  # to each place and from it, (R - 2,)
-    # internal torques give way at other places, and their rows are many
-    nearly_reached = NEARLY_REACHED if program.frames is None else 1.0
-    chosen = np.flatnonzero(
-        (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0) & (ratio[1:-1] > nearly_reached)
-    )
-    # the vertices of parabolas through three places, where ratios may be larger by 1e-3 than at any of these
+    is_maximum = (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0)
+    chosen = np.flatnonzero(is_maximum & (ratio[1:-1] > nearly_reached))
     before, after, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
     vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
     taken = np.append(program.xi, problem.crossing_xi)
