@@ -486,7 +486,7 @@ def test_a_loop_in_words_between_frames_of_the_file_is_that_of_a_joint(tmp_path)
         read(tmp_path, text)
 
 
-def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: str = "0") -> str:
+def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: str = "0.00") -> str:
     """A hinge about y that stands in a frame of each link, as Drake writes it."""
     ends = f"<parent>{parent}</parent><child>{child}</child>"
     places = "".join(
