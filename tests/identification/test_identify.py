@@ -3,6 +3,7 @@
 import importlib
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -678,3 +679,10 @@ def test_smoothing_does_not_know_when_the_clock_was_started():
     now, later = (smooth(start + times, samples, cutoff=20.0) for start in (0.0, 64.0))
     np.testing.assert_allclose(later.values, now.values, rtol=0, atol=1e-8 * np.abs(now.values).max())
     np.testing.assert_array_equal(later.acceleration_known, now.acceleration_known)
+
+
+@pytest.mark.parametrize(("found", "kept"), [([1.0, 2.0], True), ([1.0, 2.5], False), ([0.5, 2.5], False)])
+def test_the_values_of_the_file_stay_only_if_none_has_changed(found, kept):
+    one = SimpleNamespace(link_values=np.array(found), links=SimpleNamespace(values=np.array([1.0, 2.0])))
+    with pytest.deprecated_call():
+        assert Identification.keeps_file.fget(one) is kept
