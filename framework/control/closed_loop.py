@@ -154,7 +154,7 @@ def run_closed_loops(
             # a controller may divide by zero at Type 2: an undefined torque counts as none
             with np.errstate(all="ignore"):
                 command = driver.torque(k, measured._replace(command=commands[k - 1, rows] if k else None))
-            commands[k, rows] = np.clip(np.nan_to_num(command, nan=0.0), lowest[k], highest[k])
+            commands[k, rows] = np.clip(np.where(np.isnan(command), 0.0, command), lowest[k], highest[k])
         # each run has its own delay, a number of periods; until it has passed, the first command applies
         torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(count)]
         if k == last or np.isfinite(lost).all():

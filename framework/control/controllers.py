@@ -411,5 +411,6 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
         loop_part = matvec(combination.swapaxes(1, 2), loop_part)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
 
-    s = np.full(len(state.q), reference.law(reference.times[k]))  # path coordinate of the planned wrenches
+    # path coordinate of the planned wrenches, if any
+    s = np.full(len(state.q), reference.law(reference.times[k]) if reference.wrenches.entries else np.nan)
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.dynamics.deflection_splines import SPLINE_DEGREE, DeflectionSplines, KnownDeflections
+from framework.dynamics.deflection_splines import SPLINE_DEGREE, DeflectionSplines
 from framework.dynamics.loaded_balance import (
     DeflectedMotion,
     LoadedBalance,
@@ -41,11 +41,12 @@ from framework.numerics.splines import BandedFactor, banded_rows, column_sizes
 from framework.tolerances import MAX_END_ACCELERATION, MAX_END_RATE, WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
-LEAST_LOOSE_MISFIT = 1e-10  # accepted misfit above which a balance is loose
-# What free vibrations may change a loose balance by, over WEAK_COLUMN. On cells that just represent them,
-# regularization instead of rest would choose amplitudes: on 150 to 300 cells three robots' vibrations change
-# it by 1e-6 to 1e-5, all other unit directions by 4e-5 and more
-LOOSE_VIBRATION = 10.0
+# What free vibrations change the balance by: at most this, over the least share of stiffness in a column,
+# and this in all. Stiffness and inertia of vibrations cancel. Other unit directions leave what they miss of a
+# natural frequency, of the share of stiffness, which falls with the square of the cells' width. Measured on
+# agile_eye, three_rrr and delta, 150 to 420 cells: 0.04 to 0.14 of the least share; vibrations 0.014 to 1e-8
+# where cells represent them, and up to 5e-5 in all where these are too few
+VIBRATION_SHARE, LARGEST_VIBRATION = 0.03, 1e-5
 
 
 class BalanceState(NamedTuple):
@@ -184,12 +185,11 @@ class LinearBalance:
 class BalanceEquations:
     """The equations F = 0 of a path and a family of laws."""
 
-    def __init__(self, branch: Branch, family: Family, steps: Array, misfit: float = 0.0) -> None:
-        """Store path and laws, the steps (k,) of differences in the scalars, and the accepted misfit."""
+    def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
+        """Store path and laws, and the steps (k,) of differences in the scalars."""
         self.branch = branch
         self.family = family
         self.steps = steps
-        self.vibration = WEAK_COLUMN * (LOOSE_VIBRATION if misfit > LEAST_LOOSE_MISFIT else 1.0)
         self.units = spring_units(branch.robot)
         self.stiffness = float((branch.robot.stiffness * self.units**2).max())  # equal for all springs
         # rates and accelerations of deflections cause forces only if springs carry inertia
@@ -242,40 +242,37 @@ class BalanceEquations:
         deflections = [splines.combine(basis, series) * self.units for basis in bases]
         return DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections), bases
 
-    def deflections(self, state: BalanceState) -> KnownDeflections:
-        """Return the deflections [rad, m] of a state."""
-        return KnownDeflections(state.clock, state.splines, state.series * self.units)
-
     def linearise(self, state: BalanceState) -> LinearBalance:
         """Return the linear equations for steps from this state and from neighbouring states."""
-        return LinearBalance.factorise(*self.slopes(state), self._rest_matrix(state), self.vibration)
+        by_series, by_scalars, by_values = self.slopes(state)
+        stiffness = column_sizes(by_values) / column_sizes(by_series)  # (C,) shares
+        vibration = min(VIBRATION_SHARE * stiffness.min(), LARGEST_VIBRATION)
+        return LinearBalance.factorise(by_series, by_scalars, self._rest_matrix(state), vibration)
 
-    def slopes(self, state: BalanceState) -> tuple[Any, Array]:
+    def slopes(self, state: BalanceState) -> tuple[Any, Array, Any]:
         """Compute derivatives of F = Y' load at a state, by the series and by the scalars.
-
-        Returns:
-            A sparse matrix (T n_e, C) by the series, and an array (T n_e, k) by the scalars.
-        """
-        to_F = state.balance.Y.swapaxes(1, 2)  # (T, n_e, f)
-        return self._slopes_by_series(state, to_F), self._slopes_by_scalars(state, to_F)
-
-    def _slopes_by_series(self, state: BalanceState, to_F: Array) -> Any:
-        """Compute the sparse matrix (T n_e, C) of derivatives of F by the coefficients of the splines.
 
         A coefficient c_ji of spring i changes F_e at a node by the sum over the orders o of F_e,oi b_j^(o),
         with b_j^(o) the o-th time derivative of the spline j.
 
-        Args:
-            to_F: (T, n_e, f) Y', from loads to F.
+        Returns:
+            A sparse matrix (T n_e, C) by the series, an array (T n_e, k) by the scalars, and the part of the
+            matrix by values of deflections alone, without their rates and accelerations.
         """
         robot, n_e = self.branch.robot, self.branch.robot.n_e
+        to_F = state.balance.Y.swapaxes(1, 2)  # (T, n_e, f)
         by_deflections = to_F @ deflection_slopes(robot, state.balance, self.orders)  # (T, n_e, orders n_e)
         by_order = by_deflections.reshape(-1, n_e, self.orders, n_e)
-        bases = state.bases[: self.orders].transpose(1, 2, 0)  # (T, SPLINE_DEGREE + 1, orders)
-        values = (bases[:, None] @ by_order).reshape(-1, n_e, (SPLINE_DEGREE + 1) * n_e)
         splines = state.splines.nodes.columns
         unknowns = (splines[:, :, None] * n_e + np.arange(n_e)).reshape(len(splines), -1)
-        return banded_rows(values, unknowns, state.series.size)
+
+        def by_series(orders: int) -> Any:
+            """Return the matrix of the first orders of derivatives."""
+            bases = state.bases[:orders].transpose(1, 2, 0)  # (T, SPLINE_DEGREE + 1, orders)
+            values = (bases[:, None] @ by_order[:, :, :orders]).reshape(-1, n_e, (SPLINE_DEGREE + 1) * n_e)
+            return banded_rows(values, unknowns, state.series.size)
+
+        return by_series(self.orders), self._slopes_by_scalars(state, to_F), by_series(1)
 
     def _slopes_by_scalars(self, state: BalanceState, to_F: Array) -> Array:
         """Compute the derivatives (T n_e, k) of F by the scalars of the law, as central differences.

@@ -91,7 +91,19 @@ def solve_deflections(
         deflections = grid.fit(at_rest.caused)  # by the forces of the undeformed robot
         motion = motion_with_deflections(branch, grid.times, at_rest.law, grid.values(deflections), at_rest)
         return replace(at_rest, motion=motion, deflections=deflections)
-    _check_stiffness(branch.robot, at_rest)
+    robot = branch.robot
+    size = np.abs(at_rest.caused / robot.column_scale[robot.elastic])  # (T, n_e) [rad, robot lengths]
+    if not np.all(size <= MAX_DEFLECTION):
+        # the largest deflection; NaN counts as infinite
+        instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
+        unit = "m" if robot.sliding[robot.elastic][k] else "rad"
+        raise SpringsTooSoft(
+            f"the springs are too soft for so quick a motion: the forces of the undeformed robot "
+            f"would deflect {robot.elastic_names[k]} by {abs(at_rest.caused[instant, k]):.3g} {unit} at t = "
+            f"{at_rest.grid.times[instant]:.4g} s",
+            name=robot.name,
+            residual=float(size[instant, k]),
+        )
     if not is_fine(at_rest):
         return replace(at_rest, change=np.inf)  # not converged on this grid, so that a finer one is tried
     return _iterate_passes(branch, choose_law, tolerance, at_rest)
@@ -154,23 +166,6 @@ def assess_deflections(branch: Branch, grid: TimeGrid, law: MotionLaw, known: Kn
     forces, residual = balancing_forces(branch.robot, motion, values)
     caused = -forces.spring_force / branch.robot.stiffness  # deflections under these spring forces
     return Pass(grid, law, grid.fit(values), values, motion, forces, caused, change=residual)
-
-
-def _check_stiffness(robot: ParallelRobot, at_rest: Pass) -> None:
-    """Raise SpringsTooSoft if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`."""
-    size = np.abs(at_rest.caused / robot.column_scale[robot.elastic])  # (T, n_e) [rad, robot lengths]
-    if np.all(size <= MAX_DEFLECTION):
-        return
-    # the largest deflection; NaN counts as infinite
-    instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
-    unit = "m" if robot.sliding[robot.elastic][k] else "rad"
-    raise SpringsTooSoft(
-        f"the springs are too soft for so quick a motion: the forces of the undeformed robot "
-        f"would deflect {robot.elastic_names[k]} by {abs(at_rest.caused[instant, k]):.3g} {unit} at t = "
-        f"{at_rest.grid.times[instant]:.4g} s",
-        name=robot.name,
-        residual=float(size[instant, k]),
-    )
 
 
 def _relative_size(robot: ParallelRobot, residual: Array, current: Pass) -> float:

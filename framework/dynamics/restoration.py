@@ -42,12 +42,22 @@ SOFTENING, MIN_SOFTENING = 4.0, 1.3  # from one stiffness to the next
 
 
 class BalanceSolution(NamedTuple):
-    """Deflections in balance, the scalars of their law, and the equations with their last state."""
+    """Deflections in balance and the scalars of their law: the last state of the equations."""
 
-    deflections: KnownDeflections
-    scalars: Array  # (k,)
     equations: BalanceEquations
     state: BalanceState
+
+    @property
+    def law(self) -> OptimalLaw:
+        """The law of the last scalars, which is an optimal one."""
+        law = self.state.clock.law
+        assert isinstance(law, OptimalLaw)
+        return law
+
+    @property
+    def deflections(self) -> KnownDeflections:
+        state = self.state
+        return KnownDeflections(state.clock, state.splines, state.series * self.equations.units)
 
 
 def solve_balance(
@@ -74,7 +84,7 @@ def solve_balance(
         NotAssembled: the first deflections tear the loops.
     """
     robot = branch.robot
-    equations = BalanceEquations(branch, family, steps, misfit)
+    equations = BalanceEquations(branch, family, steps)
     scalars = np.zeros(len(steps))
     if start is None:
         clock = family(scalars)
@@ -89,10 +99,11 @@ def solve_balance(
     else:
         splines, series = start.splines, start.series / equations.units
     first = equations.evaluate(splines, series, scalars)
-    state = _refine(equations, first, misfit)
-    if state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
-        state = _refine(equations, _soften(equations, first, state.misfit), misfit)
-    return BalanceSolution(equations.deflections(state), state.scalars, equations, state)
+    solution = _solve(equations, first, misfit)
+    if solution.state.misfit > MAX_UNRESOLVED_MISFIT and start is None:
+        softened = _soften(equations, first, solution.state.misfit)
+        solution = _solve(equations, softened, misfit)
+    return solution
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -107,18 +118,26 @@ def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
     return solve_balance(branch, lambda _: clock, np.zeros(0)).deflections
 
 
-def _refine(equations: BalanceEquations, state: BalanceState, misfit: float) -> BalanceState:
-    """Solve from a state, and halve cells until a misfit is reached or further cells do not help.
+def _solve(equations: BalanceEquations, first: BalanceState, misfit: float) -> BalanceSolution:
+    """Solve from a state, at first on its cells, until a misfit is reached or cells do not help."""
+    state, is_solved = _gauss_newton(equations, first, misfit / MIN_GAIN)
+    solution = BalanceSolution(equations, state)
+    return refine_balance(solution, misfit) if is_solved else solution
+
+
+def refine_balance(solution: BalanceSolution, misfit: float = LEAST_MISFIT) -> BalanceSolution:
+    """Halve cells and solve again, until a misfit is reached or further cells do not help.
 
     The cells of the largest misfits are halved. Where deflections are smooth, this divides the misfit of a
     cell by thousands. A misfit that falls by less than MIN_GAIN is not due to the cells.
 
     Args:
-        state: the first iterate, with its cells.
+        solution: whose misfit is as small as its cells allow.
         misfit: |F| over the largest load at which the solution is accepted.
     """
     settled = misfit / MIN_GAIN
-    state, is_solved = _gauss_newton(equations, state, settled)
+    equations, state = solution
+    is_solved = True
     while is_solved and state.misfit > misfit:
         # the cells above the geometric mean of the largest misfit and a settled one
         splines = state.splines.halve(state.cell_misfits > np.sqrt(state.misfit * settled))
@@ -129,7 +148,7 @@ def _refine(equations: BalanceEquations, state: BalanceState, misfit: float) -> 
         coarse_misfit = state.misfit
         state, is_solved = _gauss_newton(equations, start, settled)
         is_solved = is_solved and MIN_GAIN * state.misfit < coarse_misfit
-    return state
+    return BalanceSolution(equations, state)
 
 
 def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> BalanceState:
@@ -156,7 +175,7 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
             name=equations.branch.robot.name,
             residual=stiffest.misfit,
         )
-    solved = _refine(equations, stiffest, MAX_UNRESOLVED_MISFIT)  # of the softest springs so far
+    solved = _solve(equations, stiffest, MAX_UNRESOLVED_MISFIT).state  # of the softest springs so far
     if solved.misfit > MAX_UNRESOLVED_MISFIT:
         raise _no_balance(equations, f"springs {MAX_STIFFENING:g} times as stiff do not either", np.inf)
     stiffer, softening = MAX_STIFFENING, SOFTENING
@@ -167,7 +186,7 @@ def _soften(equations: BalanceEquations, start: BalanceState, misfit: float) -> 
             first = equations.evaluate(
                 solved.splines, softening * solved.series, solved.scalars, stiffer=softer
             )
-            following = _refine(equations, first, MAX_UNRESOLVED_MISFIT)
+            following = _solve(equations, first, MAX_UNRESOLVED_MISFIT).state
             is_solved = following.misfit <= MAX_UNRESOLVED_MISFIT
         except NotAssembled:  # the deflections tear the loops
             is_solved = False

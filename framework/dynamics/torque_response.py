@@ -22,7 +22,7 @@ import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
 from framework.dynamics.deflection_splines import DeflectionSplines, KnownDeflections
-from framework.dynamics.forces import force_changes
+from framework.dynamics.forces import force_changes, tree_forces
 from framework.dynamics.loaded_balance import (
     LoadedBalance,
     constraint_rows,
@@ -93,6 +93,18 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     motor_series = state.splines.fit(motors.reshape(len(motors), -1))
     y = clock.law.coefficients
     return TorqueResponse(y, scalar_slopes, series_by_y, rest, state.splines, motor_series)
+
+
+def peaks_at_nodes(solution: BalanceSolution) -> Array:
+    """Compute the largest torques (n_a,) [N m] of a motion in balance at its nodes, motor side."""
+    robot = solution.equations.branch.robot
+    balance = solution.state.balance
+    motion = motion_at(robot, balance.motion.linearised, *balance.prescribed.rates)
+    load = tree_forces(robot, balance.motion)  # (T, nv)
+    load[:, robot.elastic] += balance.stiffer * robot.stiffness * balance.prescribed.l
+    acceleration = motion.a[:, robot.actuated]
+    torque = _balance_motors(robot, balance, load[..., None], acceleration[..., None])
+    return np.asarray(np.abs(torque).max(axis=(0, 2)))
 
 
 def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: Array) -> KnownDeflections:

@@ -194,7 +194,7 @@ def _find_balanced_law(
         if deflections is not None and not np.array_equal(deflections.splines.panels, edges):
             deflections = None  # its panels end elsewhere
         balance = solve_balance(branch, law_on_panels, steps, deflections)
-        law, deflections = law_of(balance.scalars), balance.deflections
+        law, deflections = law_of(balance.state.scalars), balance.deflections
         crossings = tracker.follow(deflections.evaluate)
         s = np.array([point.s for point in crossings])  # (k,)
         miss = float(np.abs(law(tracker.times) - s).max(initial=0.0))

@@ -72,7 +72,7 @@ def test_slopes_of_the_balance_are_those_of_central_differences():
     near = state.balance.motion.q
     ahead = equations.evaluate(splines, series + step, pace, near=near).balance.F
     behind = equations.evaluate(splines, series - step, -pace, near=near).balance.F
-    by_series, by_scalars = equations.slopes(state)
+    by_series, by_scalars, _ = equations.slopes(state)
     foreseen = (by_series @ step.ravel() + by_scalars @ pace).reshape(ahead.shape)
     change = 0.5 * (ahead - behind)
     assert np.abs(change - foreseen).max() <= 1e-6 * np.abs(change).max()

@@ -86,7 +86,7 @@ def find_law_in_balance(
         previous,
         misfit=misfit,
     )
-    return shift_conditions(balance.scalars).law, balance
+    return balance.law, balance
 
 
 def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:

@@ -140,7 +140,11 @@ def find_least_cost(
         to_cut = _cells_to_cut(program, solved.speed.y)
         if is_settled or not to_cut.any() or len(cells) > MAX_CELLS:
             break
-        cells = _cut_cells(problem, cells, to_cut)
+        low, high = cells[:-1][to_cut], cells[1:][to_cut]  # edges in xi of cells to cut in two, or in three
+        in_three = cells_about(cells, problem.crossing_xi)[to_cut]  # about a crossing
+        middle = 0.5 * (low + high)[~in_three]
+        third = ((high - low) / 3.0)[in_three]
+        cells = np.unique(np.concatenate([cells, middle, low[in_three] + third, high[in_three] - third]))
     return solved
 
 
@@ -290,21 +294,3 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     end = np.concatenate([knots[low + degree + 1], knots[first_of_bend + degree]])
     is_covered = (basis.cells[:-1, None] >= start) & (basis.cells[1:, None] <= end)  # (k, coefficients)
     return np.asarray(is_covered.any(axis=1))
-
-
-def _cut_cells(problem: LawProblem, cells: Array, to_cut: BoolArray) -> Array:
-    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges.
-
-    Args:
-        problem: the problem with its crossings.
-        cells: (k + 1,) edges in xi.
-        to_cut: mask of the cells to cut.
-    """
-    low = cells[:-1][to_cut]
-    high = cells[1:][to_cut]
-    in_three = cells_about(cells, problem.crossing_xi)[to_cut]
-    in_two = ~in_three
-    middle = 0.5 * (low + high)
-    third = (high - low) / 3.0
-    edges = [cells, middle[in_two], (low + third)[in_three], (high - third)[in_three]]
-    return np.unique(np.concatenate(edges))

@@ -53,7 +53,13 @@ class LimitCurves(NamedTuple):
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
     """Compute the limits of s' and s" along a plan; without torque limits, its peak torque is the limit."""
     robot = plan.robot
-    times = _choose_instants(plan)
+    # ascending instants (T,) [s], dense at the ends and beside crossings, and never on a crossing
+    offsets = plan.duration * CROSSING_OFFSETS
+    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, LAW_SAMPLES)))
+    for crossing in plan.crossings:
+        times = times[np.abs(times - crossing.time) > offsets[0]]
+        times = np.concatenate([times, crossing.time - offsets, crossing.time + offsets])
+    times = np.unique(times[(times >= 0) & (times <= plan.duration)])
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
     # demand on the undeformed robot's motors at s (T,), with dry friction
@@ -105,17 +111,6 @@ def _combine_torques(required: Demand, limit: Array, r: int) -> tuple[Demand, Ar
     torque = AffineInSpeed(*(np.matvec(weights, part) for part in required.torque))
     damping = np.matvec(weights, required.damping)
     return required._replace(torque=torque, damping=damping), np.ones(len(subsets))
-
-
-def _choose_instants(plan: CrossingPlan) -> Array:
-    """Return ascending instants (T,) [s], dense at the ends and beside crossings, and never on a crossing."""
-    duration = plan.duration
-    offsets = duration * CROSSING_OFFSETS
-    times = 0.5 * duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, LAW_SAMPLES)))
-    for crossing in plan.crossings:
-        times = times[np.abs(times - crossing.time) > offsets[0]]
-        times = np.concatenate([times, crossing.time - offsets, crossing.time + offsets])
-    return np.unique(times[(times >= 0) & (times <= duration)])
 
 
 def _bound_acceleration(required: Demand, speed: Array, limit: Array) -> tuple[Array, Array]:

@@ -164,8 +164,11 @@ def _rows_about(branch: Branch, phi: Smoothstep, crossing: SingularPoint, z0: Sq
     values, scale = _conditions_at_points(branch, phi, points, crossing.corank, z0)
     rows = np.pad(values[-1], ((0, 0), (0, 1)))  # (corank, 4), zero per u'
     if crossing.corank > 1:
-        scale = scale.max()
-        rows = _independent_rows(rows, scale)
+        # independent combinations (k, 4): two motions of a symmetric robot may require the same condition
+        scale = scale.max()  # of sums of sizes of the terms of a row; singular values far below are rounding
+        _, singular_values, right = np.linalg.svd(rows)
+        combinations = singular_values[:, None] * right[: len(singular_values)]
+        rows = combinations[singular_values > NO_HOLD * scale]
 
     if crossing.contact == "tangential":
         series = coefficients(values[:-1].reshape(NODES, -1))  # of (c0, cz, cu) on the panel
@@ -197,14 +200,3 @@ def _conditions_at_points(
     powers = np.stack(terms)[:, :, None] * uncontrolled  # (3, M, corank, nv)
     scales = np.abs(powers).sum(axis=3).max(axis=(0, 1))[:, None]
     return np.moveaxis(powers.sum(axis=3), 0, 2), scales
-
-
-def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations (k, 4) of rows (corank, 4); combinations of rounding are left out.
-
-    Two motions of a symmetric robot may require the same condition. Singular values far below `size`, the
-    largest sum of sizes of the terms of a row, are rounding.
-    """
-    _, singular_values, right = np.linalg.svd(rows)
-    combinations = singular_values[:, None] * right[: len(singular_values)]
-    return np.asarray(combinations[singular_values > NO_HOLD * size])

@@ -50,6 +50,7 @@ WAITING_WIDTHS = (0.15, 0.05)
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
 # places between two neighbouring points where limits are checked, as shares of their interval
 PLACES_BETWEEN_POINTS = np.arange(1, 6) / 6
+LEAST_DISTANCE = 0.1  # of a further point from the others, over that of two places
 NEARLY_REACHED = 0.98  # ratio of a torque or squared speed to its limit; the next law may exceed it
 
 
@@ -409,14 +410,19 @@ class SmoothSearch(NamedTuple):
         problem = self.program.problem
         positive_xi = np.clip(self.program.positive_xi, -1.0, 1.0)
         sigma = problem.task.stretch.inverse(positive_xi)  # (points,)
-        cost = self._holding_cost(sigma)
+        # the sum of (torque at rest over the reference)^2; torques at rest are offsets, as z = u = 0, and the
+        # first M rows of the program are at its points
+        points = problem.task.stretch.inverse(self.program.xi)  # sigma (M,)
+        at_rest = [torque.offset[: len(points)] for torque in self.program.rows.torque]  # (M,) of each motor
+        ratio = np.stack(at_rest, axis=1) / problem.reference  # (M, n_a)
+        cost = np.interp(sigma, points, (ratio**2).sum(axis=1))  # (points,)
         is_minimum = np.pad((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]), 1)
         edges = np.array([0.0, *problem.stops, 1.0])
-        at_rest = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
+        resting_ends = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
         masks = list[list[BoolArray]]()  # of each stage, one after the other
         for start, end in pairwise(edges[: 1 + np.isfinite(problem.stages).sum()]):
             reach = width * (end - start)
-            resting = at_rest[(at_rest == start) | (at_rest == end)]
+            resting = resting_ends[(resting_ends == start) | (resting_ends == end)]
             if goal != "curvature" and len(resting) > 1:
                 resting = resting[[np.argmin(cost[[0, -1]])]]
             if not len(resting):
@@ -434,20 +440,6 @@ class SmoothSearch(NamedTuple):
             masks.append(stage_masks)
         for k in range(max(map(len, masks))):
             yield np.array([each[min(k, len(each) - 1)] for each in masks])
-
-    def _holding_cost(self, sigma: Array) -> Array:
-        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,), on the path.
-
-        Torques are affine in the squared speed z and u = z'/2, so that those at rest are their offsets.
-        """
-        program = self.program
-        points = program.problem.task.stretch.inverse(program.xi)  # sigma (M,) of the program's points
-        # the first M rows are at the points; those at crossings and of further points follow
-        torque_at_rest = [
-            torque.offset[: len(points)] for torque in program.rows.torque
-        ]  # (M,) of each motor
-        ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference  # (M, n_a)
-        return np.interp(sigma, points, (ratio**2).sum(axis=1))
 
 
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
@@ -478,8 +470,21 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     ratio = rows.largest_limit_ratio(speed.y, speed.x, allowed)
     if not ratio.max(initial=0.0) > 1.0:
         return np.empty(0)
-    padded = np.pad(ratio, 1, constant_values=-np.inf)
-    is_maximum = (ratio >= padded[:-2]) & (ratio >= padded[2:])
+
+    ends = np.unique([intervals, intervals + 1])  # points beside these places
+    xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
+    order = xi.argsort()
+    xi, ratio = xi[order], ratio[order]  # (R,)
+    step, change = np.diff(xi), np.diff(ratio)  # (R - 1,)
+    rise, fall = change[:-1], -change[1:]  # to each place and from it, (R - 2,)
     # internal torques give way at other places, and their rows are many
     nearly_reached = NEARLY_REACHED if program.frames is None else 1.0
-    return xi[is_maximum & (ratio > nearly_reached)]
+    chosen = np.flatnonzero(
+        (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0) & (ratio[1:-1] > nearly_reached)
+    )
+    # the vertices of parabolas through three places, where ratios may be larger by 1e-3 than at any of these
+    before, after, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
+    vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
+    taken = np.append(program.xi, problem.crossing_xi)
+    distance = np.abs(vertices[:, None] - taken).min(axis=1)
+    return vertices[distance > LEAST_DISTANCE * np.minimum(before, after)]
