@@ -124,14 +124,28 @@ def add_robustness_options(parser: OneLineParser) -> None:
     )
     parser.set_defaults(parser=parser)
     gains = parser.topic("the controller")
-    text = "natural frequency of feedforward and computed torque [rad/s] (default: 40 and 20, or less as the "
-    add_number(gains, "--bandwidth", "W", f"{text}delay and springs demand)")
-    text = "rate of their integral of the error [1/s] (default: 0, without)"
-    add_number(gains, "--integral", "R", text, default=Tuning.integral)
-    text = (
-        "of lqr and lqg: torque correction, share of the peak, that costs as much as 1e-3 robot lengths; more"
+    add_number(
+        gains,
+        "--bandwidth",
+        "W",
+        "natural frequency of feedforward and computed torque [rad/s] (default: 40 and 20, or less as the "
+        "delay and springs demand)",
     )
-    add_number(gains, "--torque-share", "X", f"{text} is faster (default: 0.3)", default=Tuning.torque_share)
+    add_number(
+        gains,
+        "--integral",
+        "R",
+        "rate of their integral of the error [1/s] (default: 0, without)",
+        default=0.0,
+    )
+    add_number(
+        gains,
+        "--torque-share",
+        "X",
+        "of lqr and lqg: torque correction, share of the peak, that costs as much as 1e-3 robot lengths; "
+        "more is faster (default: 0.3)",
+        default=Tuning.torque_share,
+    )
     gains.add_argument(
         "--estimate",
         nargs="+",
@@ -167,13 +181,23 @@ def add_robustness_options(parser: OneLineParser) -> None:
         "the least that lqg is predicted to pass with, and passes with in trial runs (default: motors)",
     )
     add_number(loop, "--known-delay", "T", "from measurement to torque [s], of all (default: 0)", default=0.0)
-    for flag, encoders in (
-        ("--counts", "motor encoders [1/turn], motor side"),
-        ("--link-counts", "encoders of links and elbows [1/turn]"),
-    ):
-        add_number(loop, flag, "N", f"of {encoders} (default: without steps)", default=0.0)
-    text = "largest motor torques [N m] (default: those of the plan, or ten times its peaks)"
-    add_number(loop, "--limit", "TAU", text, nargs="+")
+    add_number(
+        loop, "--counts", "N", "of motor encoders [1/turn], motor side (default: without steps)", default=0.0
+    )
+    add_number(
+        loop,
+        "--link-counts",
+        "N",
+        "of encoders of links and elbows [1/turn] (default: without steps)",
+        default=0.0,
+    )
+    add_number(
+        loop,
+        "--limit",
+        "TAU",
+        "largest motor torques [N m] (default: those of the plan, or ten times its peaks)",
+        nargs="+",
+    )
     loop.add_argument(
         "--tolerance",
         metavar="E",
