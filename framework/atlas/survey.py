@@ -109,8 +109,9 @@ def survey_window(
     """Find the smallest window with all poses of the reference's working mode.
 
     Surveys cover `survey_reach` about the point `at`, each with half the cells of the one before, until one
-    finds no pose beyond the window about those found before: steps of long cells may all miss the poses
-    beside a reference near Type 1. The last survey covers the window found, for a narrower margin.
+    finds no pose beyond the window about those found before, or none can lie beyond: steps of long cells may
+    all miss the poses beside a reference near Type 1. The last survey covers the window found, for a narrower
+    margin.
 
     Args:
         axes: names of two platform coordinates, or of the only one; by default the first two, translations
@@ -176,7 +177,8 @@ def _reached_window(
     reached = reason == PoseReason.REACHED
     # a joint's share beyond its range is above 0 outside of the range
     within = reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
-    counted = within if keep_limits and within.any() else reached
+    finds_none = keep_limits and not within.any()
+    counted = within if keep_limits and not finds_none else reached
     indices = np.argwhere(counted)[:, : len(survey.axes)]  # (poses, k) rows and columns
     margin = margin_cells * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
@@ -184,7 +186,8 @@ def _reached_window(
     ends = np.clip([lower, upper], outermost.lower, outermost.upper)
     # (k,) whether an edge of the survey is not reached
     has_gap = np.ptp(indices, axis=0) + 1 < survey.shape[: len(survey.axes)]
-    return replace(survey, lower=ends[0], upper=ends[1]), poses, bool(has_gap.any())
+    may_grow = bool(has_gap.any()) or finds_none
+    return replace(survey, lower=ends[0], upper=ends[1]), poses, may_grow
 
 
 def seed_poses(

@@ -25,6 +25,7 @@ from framework.model.readers.recognise import parse_any
 from framework.model.robot_file import unused_parameters
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import MAX_ROWS, number
+from framework.numerics.interruption import check_interruption
 from framework.numerics.kept import KeptChunks, remove_stores
 from framework.numerics.output import PROGRAM, check_files, write_files, written_together
 from framework.numerics.tasks import executor_of
@@ -402,6 +403,7 @@ def written_stepwise(
     with written_out(options, document, files) as folder:
         try:
             yield folder
+            check_interruption()  # which other code may have caught
         except KeyboardInterrupt as stop:
             finished = describe_kept()
             sentence = f"{finished} are kept in {options.out}, and the same command goes on from them"

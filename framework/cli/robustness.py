@@ -240,9 +240,10 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
         controllers = {name: setup.controller(name) for name in _controller_names(options)}
         out = None if options.out is None else Path(options.out)
         store = None if out is None else run_store(out, setup.to_dict(), list(controllers))
-        # chunks of about as many robots, a multiple of the processes; a robot has a run with each controller
+        # robots of a process, which are split evenly; a robot has a run with each controller
+        share = -(-options.runs // options.workers)
         robots = max(1, (RUNS_PER_CHUNK if out is None else STORED_RUNS) // len(controllers))
-        chunks = options.workers * -(-options.runs // (options.workers * robots))
+        chunk = min(share, robots) if out is not None else -(-share // -(-share // robots))
         studies = run_studies(
             controllers,
             setup.loop,
@@ -250,7 +251,7 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
             runs=options.runs,
             seed=setup.seed,
             executor=executor,
-            chunk=-(-options.runs // chunks),
+            chunk=chunk,
             keeper=store,
             progress=options.progress.start("simulating", options.runs * len(controllers), "runs"),
         )

@@ -197,8 +197,8 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
         files.append(PAGE)
     setup = setup_document(robot, window, quantities)
     store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
-    kept = partial(arguments.count_chunks, store, "bands")
-    with arguments.written_stepwise(options, DOCUMENT, files, kept) as folder:
+    describe_kept = partial(arguments.count_chunks, store, "bands")
+    with arguments.written_stepwise(options, DOCUMENT, files, describe_kept) as folder:
         margin = _find_margin(options, robot)
         workspace = workspace_map(
             robot,
@@ -313,8 +313,8 @@ def report_design_study(options: Namespace, executor: Executor | None) -> Report
     )
     setup = study_setup(task, designs)
     store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
-    kept = partial(arguments.count_chunks, store, "chunks")
-    with arguments.written_stepwise(options, STUDY_DOCUMENT, STUDY_FILES, kept) as folder:
+    describe_kept = partial(arguments.count_chunks, store, "chunks")
+    with arguments.written_stepwise(options, STUDY_DOCUMENT, STUDY_FILES, describe_kept) as folder:
         progress = options.progress.start("mapping", len(designs.values), "designs")
         study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:

@@ -320,8 +320,8 @@ class _VariedRobots(NamedTuple):
             if sensors.platform:
                 readings.append(x - ref.x[k])
             if sensors.imu:
-                before = platform if last is None else last
-                change = platform[1] - before[1] - (ref.dx[k] - ref.dx[max(k - 1, 0)])
+                last_motion = platform if last is None else last
+                change = platform[1] - last_motion[1] - (ref.dx[k] - ref.dx[max(k - 1, 0)])
                 readings.append(change / ref.period)
         return Measurement(angle, speed, state, np.concatenate(readings, axis=1))
 

@@ -272,8 +272,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
         x = normalise_time(t, self.duration)
         try:
             series = np.empty((len(self.coefficients), count))  # one column for each order
-        except TypeError:
-            raise InvalidInput(f"count: needs a whole number, got {count!r}") from None
+        except (TypeError, ValueError):
+            raise InvalidInput(f"count: needs a whole number of at least 0, got {count!r}") from None
         scale = 2.0 / self.duration  # of a derivative by x
         for order in range(count):
             matrix = derivative_matrix(len(self.coefficients), order)

@@ -168,7 +168,7 @@ def _find_balanced_law(
     Unknown are the deflections as functions of time and c (k,) [1/s^2], by which s" at the crossings differs
     from the s" of condition (8) at the last deflections. Deflections in balance with the forces of a law move
     the crossings along the path, so that the law misses them. Law and deflections are solved for again until
-    the law passes the crossings at their times.
+    the law passes the crossings at their times. `high` are the law's coefficients above its least degree.
 
     Raises:
         NoAnswer: no deflections in balance were found, or the polynomial misses the crossings.
@@ -436,9 +436,10 @@ def _search_timings(
     """Search open times and speeds; return the best (2, k) and its score.
 
     The method is an evolution strategy. The unknowns of a law are its times over the duration and the
-    logarithms of its speeds. In the first round laws are drawn around all `starts` (m, 2, k). In each further
-    round they are drawn around the mean of the survivors, with the covariance of the survivors about the mean
-    of the round before. This covariance stretches along an ascent of the score and shrinks at its maximum.
+    logarithms of its speeds; `score_laws` scores laws (m, 2, k). In the first round laws are drawn around all
+    `starts` (m, 2, k), best first. In each further round they are drawn around the mean of the survivors,
+    with the covariance of the survivors about the mean of the round before. This covariance stretches along
+    an ascent of the score and shrinks at its maximum.
     The search ends when all survivors score COMFORTABLE_ADVANCE or more, or nearly the same.
     """
     # standard deviation in the first round, of times over the duration and of log speeds

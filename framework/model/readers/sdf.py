@@ -154,8 +154,8 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
     if not named_by_plugins:  # nor has a joint a motor whose effort is 0
-        effort = {"axis/limit/effort": "-1"}  # not limited, as is one that is left out
-        driven = [name for name in tree_names if any(_read_values(scope.joints[name], name, effort))]
+        efforts = {name: child_text(scope.joints[name], "axis/limit/effort", "") for name in tree_names}
+        driven = [name for name, effort in efforts.items() if not _is_zero(effort)]
         tree.likely_motors = driven if len(driven) < len(tree_names) else []
     for name in scope.frames:
         with suppress(RobotFileError):  # a frame without a place, such as one on a model without a file
@@ -208,6 +208,14 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
             apart.append(f"{name} of {mass} kg")
     if apart:
         tree.remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
+
+
+def _is_zero(text: str) -> bool:
+    """Return whether a text is the number 0, such as "0.00"."""
+    try:
+        return float(text) == 0.0
+    except ValueError:
+        return False
 
 
 def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> list[float]:

@@ -473,7 +473,10 @@ class SpeedProgram:
         return rows
 
     def _torques_in_units(self, units: Units) -> list[AffineRows]:
-        """Return for each motor the rows (M, n) of its torque over its reference, in a program's units."""
+        """Return for each motor the rows (M, n) of its torque over its reference.
+
+        The rows are in the units of a program: y in 1 / time^2, torques in `units.torque`.
+        """
         torques = []
         for motor, reference in enumerate(self.problem.reference):
             matrix, offset = self.rows.torque[motor]
