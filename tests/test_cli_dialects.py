@@ -42,6 +42,20 @@ def test_a_platform_of_too_few_coordinates_is_converted_for_check_to_explain(cro
     assert crossing("convert", PLUS, *said, "--out", str(tmp_path))[0] == 0
 
 
+def test_convert_says_itself_that_loops_stay_open(crossing, tmp_path):
+    """A rod of 5 m between two tips that are 2.7 m apart at most; platform and motors are stated."""
+    said = ["--platform", "left_tip", "--axes", "x", "y", *SAID[-3:], "--out", str(tmp_path), "--json"]
+    bare = str(Path(__file__).parents[1] / "urdf" / "five_bar" / "five_bar.urdf")
+    code, out, _ = crossing("convert", bare, "--close", "left_tip", "right_tip", "distance", "5", *said)
+    written, (remark,) = (json.loads(out)[key] for key in ("file", "remarks"))
+    assert code == 0
+    assert remark.startswith(
+        "NOT ASSEMBLED, so that nothing can be planned yet: the loops do not close: of 32"
+    )
+    assert remark in Path(written).read_text()
+    assert crossing("check", written)[0] == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -340,7 +340,9 @@ def test_numbers_that_are_not_real_or_too_large_are_refused(call: Callable[[], A
         ("torque", lambda: Stepper.of(ROBOT).start(ROBOT.reference.q, torque=[1.0, 2.0, 3.0])),
         ("tolerance", lambda: plan_crossing(ROBOT, PATH, duration=1.5, tolerance=1e-19)),
         ("smoothness", lambda: Law.rest_to_rest(1.0, 2).least_speed_ratio(1.5)),  # type: ignore[arg-type]
+        ("count", lambda: Law.rest_to_rest(1.0, 2).derivatives(0.5, 1.5)),  # type: ignore[arg-type]
         ("values", lambda: Recording("log", ("time", "torque_a"), np.ones(2))),
+        ("endings", lambda: Recording("log", ("time",), np.ones((2, 1))).columns("a", 5)),  # type: ignore[arg-type]
         ("index", lambda: Recording("log", ("time",), np.ones((2, 1))).rows(np.array([1j]))),
         ("t: needs", lambda: simulate(ROBOT, lambda t: np.zeros(2), duration=0.01).platform(np.ones((2, 2)))),
     ],

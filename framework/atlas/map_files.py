@@ -24,7 +24,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.output import json_text, package_versions
 
 DOCUMENT = "map.json"
-STATISTICS = ("least", "median", "largest")
+STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 
 
 def robot_hash(robot: ParallelRobot) -> str:

@@ -161,9 +161,7 @@ def _reached_window(
     keep_limits: bool,
     coarser: GridPoses | None = None,
 ) -> tuple[Window, GridPoses, bool]:
-    """Return the window about the reached poses of a survey, with a margin.
-
-    Return also all poses, and whether some edge of the survey is not reached: else its window is the largest.
+    """Return the window about a survey's reached poses, all poses, and whether the window may grow.
 
     Args:
         survey: the window of the survey.
@@ -183,10 +181,10 @@ def _reached_window(
     margin = margin_cells * survey.cell
     lower = survey.lower + indices.min(axis=0) * survey.cell - margin
     upper = survey.lower + indices.max(axis=0) * survey.cell + margin
-    cut_lower = np.maximum(lower, outermost.lower)
-    cut_upper = np.minimum(upper, outermost.upper)
-    has_gap = np.ptp(indices, axis=0) + 1 < survey.shape[: len(survey.axes)]  # (k,) between poses and edges
-    return replace(survey, lower=cut_lower, upper=cut_upper), poses, bool(has_gap.any())
+    ends = np.clip([lower, upper], outermost.lower, outermost.upper)
+    # (k,) whether an edge of the survey is not reached
+    has_gap = np.ptp(indices, axis=0) + 1 < survey.shape[: len(survey.axes)]
+    return replace(survey, lower=ends[0], upper=ends[1]), poses, bool(has_gap.any())
 
 
 def seed_poses(

@@ -19,10 +19,7 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.continuation.predictor_corrector import accept_steps, is_small
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_in_place
-from framework.kinematics.linearised_loops import (
-    linearised_at,
-    linearised_at_reference,
-)
+from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import ModeStates, share_working_mode
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select

@@ -26,7 +26,7 @@ from framework.model.robot_file import unused_parameters
 from framework.model.urdf_elements import ParsedRobot
 from framework.numerics.fields import MAX_ROWS, number
 from framework.numerics.kept import KeptChunks, remove_stores
-from framework.numerics.output import PROGRAM, Document, check_files, write_files, written_together
+from framework.numerics.output import PROGRAM, check_files, write_files, written_together
 from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_columns, select_columns
 from framework.planning.options import TYPED
@@ -117,15 +117,19 @@ def parse_file(options: Namespace, *, propose: Propose) -> ParsedRobot:
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
 
+def named_words(option: str, words: Sequence[str], form: str) -> dict[str, str]:
+    """Parse words NAME=TEXT."""
+    pairs = [word.partition("=") for word in words]
+    for (name, _, text), word in zip(pairs, words, strict=True):
+        if not name or not text:
+            raise InvalidInput(f"{option}: needs {form}, got {word!r}")
+    return {name: text for name, _, text in pairs}
+
+
 def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, float]:
     """Parse words NAME=VALUE with finite numbers."""
-    values = {}
-    for word in words:
-        name, _, text = word.rpartition("=")
-        if not name:
-            raise InvalidInput(f"{option}: needs {form} with a finite number, got {word!r}")
-        values[name] = number(f"{option} {name}", text)
-    return values
+    texts = named_words(option, words, f"{form} with a finite number")
+    return {name: number(f"{option} {name}", text) for name, text in texts.items()}
 
 
 def _missing_fields(options: Namespace) -> MotionOptions:
@@ -375,20 +379,10 @@ def written_out(
     options.written = options.out
 
 
-@contextmanager
-def mapped_stepwise(
-    options: Namespace, document: str, files: Collection[str], setup: Document, unit: str
-) -> Iterator[tuple[FilePath | None, KeptChunks | None]]:
-    """Yield the folder of `written_stepwise`, and the store of finished chunks."""
-    store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
-
-    def describe_kept() -> str:
-        """Count the finished chunks; empty if none is finished."""
-        count = 0 if store is None else len(store.read())
-        return f"{count} {unit}" if count else ""
-
-    with written_stepwise(options, document, files, describe_kept) as folder:
-        yield folder, store
+def count_chunks(store: KeptChunks | None, unit: str) -> str:
+    """Count the finished chunks of a store, each a `unit`; empty if none is finished."""
+    count = 0 if store is None else len(store.read())
+    return f"{count} {unit}" if count else ""
 
 
 def start_workers(options: Namespace, *modules: str) -> AbstractContextManager[Executor | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_overwrite, add_robot, not_empty
-from framework.errors import InvalidInput, list_names
+from framework.errors import list_names
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.conversions import Conversions
 from framework.identification.excite import GRAVITY, TRIALS, Excitation, digits, excite
@@ -219,22 +218,13 @@ def _add_conversions(group: Any) -> None:
 def _conversions(options: Namespace) -> Conversions:
     """Return the conversions that the options declare."""
     return Conversions(
-        units=_named_words("--unit", options.unit),
+        units=arguments.named_words("--unit", options.unit, "NAME=VALUE"),
         signs=arguments.named_numbers("--sign", options.sign, "COLUMN=-1"),
         zeros=arguments.named_numbers("--zero", options.zero, "COLUMN=VALUE"),
-        swaps=_named_words("--swap", options.swap),
-        headers=_named_words("--column", options.column),
+        swaps=arguments.named_words("--swap", options.swap, "NAME=VALUE"),
+        headers=arguments.named_words("--column", options.column, "NAME=VALUE"),
         unwrapped=options.unwrap,
     )
-
-
-def _named_words(option: str, words: Sequence[str]) -> dict[str, str]:
-    """Parse words NAME=WORD."""
-    pairs = [word.partition("=") for word in words]
-    for (name, _, text), word in zip(pairs, words, strict=True):
-        if not name or not text:
-            raise InvalidInput(f"{option}: needs NAME=VALUE, got {word!r}")
-    return {name: text for name, _, text in pairs}
 
 
 def run_identify(options: Namespace) -> Report:

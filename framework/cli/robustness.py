@@ -239,12 +239,9 @@ def _study_controllers(options: Namespace, executor: Executor | None) -> Report:
         setup, predictions, trials = _choose_setup(options)
         controllers = {name: setup.controller(name) for name in _controller_names(options)}
         out = None if options.out is None else Path(options.out)
-        most = RUNS_PER_CHUNK
-        if out is not None:
-            store = run_store(out, setup.to_dict(), list(controllers))
-            most = STORED_RUNS
+        store = None if out is None else run_store(out, setup.to_dict(), list(controllers))
         # chunks of about as many robots, a multiple of the processes; a robot has a run with each controller
-        robots = max(1, most // len(controllers))
+        robots = max(1, (RUNS_PER_CHUNK if out is None else STORED_RUNS) // len(controllers))
         chunks = options.workers * -(-options.runs // (options.workers * robots))
         studies = run_studies(
             controllers,

@@ -24,7 +24,7 @@ from framework.atlas.design_study import (
     study_setup,
     write_study,
 )
-from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
+from framework.atlas.map_files import DOCUMENT, STATISTICS, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, quantity_unit
 from framework.atlas.survey import (
@@ -61,6 +61,7 @@ from framework.errors import InvalidInput, finite_numbers, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
+from framework.numerics.kept import KeptChunks
 from framework.numerics.output import select_fields
 from framework.numerics.tasks import iterate_results
 from framework.planning.options import LIMITS, MODEL
@@ -68,7 +69,6 @@ from framework.planning.scenes import scene, scene_path
 
 PAGE = "map.html"  # of maps over two axes
 STUDY_FILES = ("study.npz", "study.csv", "study.pdf", "study.png")
-STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 STUDY_EDGE_POSES = 41  # by default
 NOT_FOR_STUDIES = (
     "scene",
@@ -196,7 +196,9 @@ def report_workspace_map(options: Namespace, executor: Executor | None) -> Repor
     if len(window.axes) > 1:
         files.append(PAGE)
     setup = setup_document(robot, window, quantities)
-    with arguments.mapped_stepwise(options, DOCUMENT, files, setup, "bands") as (folder, store):
+    store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
+    kept = partial(arguments.count_chunks, store, "bands")
+    with arguments.written_stepwise(options, DOCUMENT, files, kept) as folder:
         margin = _find_margin(options, robot)
         workspace = workspace_map(
             robot,
@@ -310,7 +312,9 @@ def report_design_study(options: Namespace, executor: Executor | None) -> Report
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
     setup = study_setup(task, designs)
-    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, STUDY_FILES, setup, "chunks") as (folder, store):
+    store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
+    kept = partial(arguments.count_chunks, store, "chunks")
+    with arguments.written_stepwise(options, STUDY_DOCUMENT, STUDY_FILES, kept) as folder:
         progress = options.progress.start("mapping", len(designs.values), "designs")
         study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:

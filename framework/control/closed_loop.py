@@ -19,7 +19,7 @@ from framework.control.variations import Spread, Variation, apply_variation, dra
 from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import difference, integrate
-from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, select
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation import Stepper
 from framework.simulation.drive import WorldForces
@@ -137,24 +137,24 @@ def run_closed_loops(
     # torques (K, C R, n_a) that the controllers command, and those of the motors, which follow with a delay
     commands, torques = np.zeros((2, last + 1, count, ref.robot.n_a))
     q, v = robots.start  # (C R, nq), (C R, nv)
-    platforms: list[PlatformMotion | None] = [None, None]  # at this instant and at the last one
+    platforms: list[Array | None] = [None, None]  # (2, C R, n) x, dx at this instant and at the last one
     for k in range(last + 1):
         is_check = k % PERIODS_PER_CHECK == 0 or k == last
         platform = robots.platform_motion(k, q, v) if is_check or see_platform else None
         platforms = [platform, platforms[0]]
         if is_check and platform is not None:
             report_progress(k / last)
-            x.append(platform.x)
+            x.append(platform[0])
             is_near = _deviation(ref, x[-1], ref.x[k]) < MAX_DEVIATION  # false for NaN
             lost = np.where(is_near, lost, np.minimum(lost, ref.times[k]))
 
         for own, driver, rows in zip(sensors, drivers, of_driver, strict=True):
-            seen = [one and select(one, rows) for one in platforms]
+            seen = [None if one is None else one[:, rows] for one in platforms]
             measured = robots.measure(k, own, q[rows], v[rows], *seen)
             # a controller may divide by zero at Type 2: an undefined torque counts as none
             with np.errstate(all="ignore"):
                 command = driver.torque(k, measured._replace(command=commands[k - 1, rows] if k else None))
-            commands[k, rows] = np.clip(np.nan_to_num(command, nan=0.0), lowest[k], highest[k])
+            commands[k, rows] = np.clip(np.where(np.isnan(command), 0.0, command), lowest[k], highest[k])
         # each run has its own delay, a number of periods; until it has passed, the first command applies
         torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(count)]
         if k == last or np.isfinite(lost).all():
@@ -221,13 +221,6 @@ def _judge(
     )
 
 
-class PlatformMotion(NamedTuple):
-    """The motion of the platforms of some runs at one instant."""
-
-    x: Array  # (R, n) [m, rad]
-    dx: Array  # (R, n) [m/s, rad/s]
-
-
 class _VariedRobots(NamedTuple):
     """R varied robots with encoders, delays, motor friction and external wrenches, each in C runs."""
 
@@ -280,12 +273,12 @@ class _VariedRobots(NamedTuple):
             noise=draw_noise(ref.robot, spread, seeds, len(ref.times)),
         )
 
-    def platform_motion(self, k: int, q: Array, v: Array) -> PlatformMotion:
-        """Compute coordinates of the platforms and their rates at instant k, angles near the planned ones."""
+    def platform_motion(self, k: int, q: Array, v: Array) -> Array:
+        """Compute platform coordinates and rates (2, R, n) at instant k, angles near the planned ones."""
         ref = self.reference
         coordinates, twist = self.stepper.platform(q, v)
         x = ref.robot.platform.unwrap(coordinates, ref.x[k])
-        return PlatformMotion(x, solve(ref.robot.platform.rate_matrix(x), twist))
+        return np.stack([x, solve(ref.robot.platform.rate_matrix(x), twist)])
 
     def measure(
         self,
@@ -293,13 +286,13 @@ class _VariedRobots(NamedTuple):
         sensors: LoopSensors,
         q: Array,
         v: Array,
-        platform: PlatformMotion | None,
-        last: PlatformMotion | None,
+        platform: Array | None,
+        last: Array | None,
     ) -> Measurement:
         """Read the `sensors` of R runs at instant k, q (R, nq) and v (R, nv), with their noise and steps.
 
         The noise of the joints becomes noise of the platform by dx/dq, the pseudo-inverse of the planned N =
-        dq/dx. Accelerations follow from the platforms' motions at this instant and the `last` one.
+        dq/dx. Accelerations follow from the platforms' motions (2, R, n) at this instant and the `last` one.
         """
         ref, robot = self.reference, self.reference.robot
         noise, rate_noise = np.zeros((2, *v.shape)) if self.noise is None else self.noise[k].swapaxes(0, 1)
@@ -327,7 +320,8 @@ class _VariedRobots(NamedTuple):
             if sensors.platform:
                 readings.append(x - ref.x[k])
             if sensors.imu:
-                change = platform.dx - (last or platform).dx - (ref.dx[k] - ref.dx[max(k - 1, 0)])
+                before = platform if last is None else last
+                change = platform[1] - before[1] - (ref.dx[k] - ref.dx[max(k - 1, 0)])
                 readings.append(change / ref.period)
         return Measurement(angle, speed, state, np.concatenate(readings, axis=1))
 

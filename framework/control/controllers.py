@@ -323,9 +323,7 @@ class ComputedTorque:
         """Compute motor torques (R, n_a) [N m, N], motor side, at sampling instant k.
 
         An `offset` (R, n) is added to the errors of x. The torques are infinite where the naive controller
-        divides by zero. The open tree needs the generalised forces r. Its passive joints (p) determine the
-        multipliers lambda of the loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda
-        on the joint side.
+        divides by zero.
         """
         ref = self.reference
         robot = ref.robot
@@ -413,5 +411,6 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
         loop_part = matvec(combination.swapaxes(1, 2), loop_part)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
 
-    s = np.full(len(state.q), reference.law(reference.times[k]))  # path coordinate of the planned wrenches
+    # path coordinate of the planned wrenches, if any
+    s = np.full(len(state.q), reference.law(reference.times[k]) if reference.wrenches.entries else np.nan)
     return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))

@@ -210,13 +210,13 @@ class LinearModels(NamedTuple):
             gain = self.gains[weights.torque]
             observer = tune_filter(reference, model, plants[0], sensors, spread, weights, prior)
             prediction = self._deviate("lqg", loop, plants[: len(self.within)], gain, delay, observer)
-            if prediction.excess(loop.tolerance) <= GOOD_EXCESS:  # ends decide between good ones alone
+            if self.ends and prediction.excess(loop.tolerance) <= GOOD_EXCESS:  # of good ones ends decide
                 prediction = self._deviate("lqg", loop, plants, gain, delay, observer)
             candidates.append((Regulator(reference, model, gain, delay, observer, sensors), prediction))
             if rank(candidates[-1]) == (GOOD_EXCESS, -1.0):
                 break
         controller, prediction = min(candidates, key=rank)
-        if prediction.excess(loop.tolerance) > GOOD_EXCESS:
+        if self.ends and prediction.excess(loop.tolerance) > GOOD_EXCESS:
             prediction = self._deviate("lqg", loop, plants, controller.gain, delay, controller.observer)
         self.tuned[key] = controller, prediction
         return controller, prediction

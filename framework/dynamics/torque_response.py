@@ -95,7 +95,7 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     return TorqueResponse(y, scalar_slopes, series_by_y, rest, state.splines, motor_series)
 
 
-def motor_peaks(solution: BalanceSolution) -> Array:
+def peaks_at_nodes(solution: BalanceSolution) -> Array:
     """Compute the largest torques (n_a,) [N m] of a motion in balance at its nodes, motor side."""
     robot = solution.equations.branch.robot
     balance = solution.state.balance

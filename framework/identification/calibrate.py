@@ -294,8 +294,11 @@ def _solve_at_platform(geometry: Geometry, measured: Measurements) -> Array | No
     robot, model = geometry.robot, geometry.model
     motors = measured.values[:, measured.columns_of("motors")]  # (T, n_a)
     platform = measured.values[:, measured.columns_of("platform")]  # (T, n)
+    # motors slide as far as they are measured, if they do not contradict, and other slides without bound
+    travel = np.full(robot.nv, np.inf)
+    travel[robot.actuated] = np.abs(motors).max(axis=0) + MAX_MOTOR_MISFIT * robot.length
     distances = np.linalg.norm(platform[:, robot.platform.sliding], axis=1)  # (T,) [m] from the base
-    if distances.max() > reach_of_links(robot):
+    if distances.max() > reach_of_links(robot, travel):
         return None
     robot_q = []
     for x, q_a in zip(platform, motors, strict=True):

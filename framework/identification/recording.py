@@ -75,6 +75,7 @@ class Recording(ReadOnlyArrays):
         """
         return self._select([name])[:, 0]
 
+    @explain_errors
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
         """Return the columns PREFIX_ENDING of k endings as an array (T, k).
 

@@ -270,7 +270,10 @@ class Law(ReadOnlyArrays, PlannedLaw):
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Compute s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
         x = normalise_time(t, self.duration)
-        series = np.empty((len(self.coefficients), count))  # one column for each order
+        try:
+            series = np.empty((len(self.coefficients), count))  # one column for each order
+        except TypeError:
+            raise InvalidInput(f"count: needs a whole number, got {count!r}") from None
         scale = 2.0 / self.duration  # of a derivative by x
         for order in range(count):
             matrix = derivative_matrix(len(self.coefficients), order)

@@ -112,11 +112,6 @@ def _yes_or_no(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def _wrenches(name: str, value: Any) -> dict[str, Any] | None:
-    """Convert wrenches by frame to plain numbers; None for an empty mapping."""
-    return ExternalWrenches.of(value).document or None
-
-
 def _one_of(valid: Sequence[str]) -> Check:
     """Return a check that accepts only the valid names."""
 
@@ -304,7 +299,7 @@ class PlanOptions:
         " [N, N m], base axes; or {wrench: (6,), axes: tool} on the axes of the frame, which turn with it; "
         "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, interpolated by a cubic spline. "
         "Plans count them like weight; forces that depend on velocity cannot be given",
-        check=_wrenches,
+        check=lambda name, value: ExternalWrenches.of(value).document or None,
     )
     keep_limits: bool = _option(
         "refuse a plan beyond the ranges of the URDF's joints, or beyond limits of motors that were lifted; "

@@ -216,7 +216,16 @@ def _certificate_summary(plan: CrossingPlan) -> list[Fact]:
     certificate = plan.certificate
     facts = [Fact("certificate", join_facts(certificate_facts(plan)))]
     if certificate.max_held_torque:
-        facts.append(Fact("idle turns", IDLE_TURNS.format(certificate, turns=_idle_turns(plan.robot))))
+        robot, driven = plan.robot, driven_turns(plan.robot)
+        kinds = {
+            "held still": np.setdiff1d(robot.structure.idle, driven),
+            "as damping or armature of their balls drives them": driven,
+        }
+        names = {
+            kind: ", ".join(map(robot.coordinates.turn_name, columns)) for kind, columns in kinds.items()
+        }
+        turns = "; ".join(f"{joints} {kind}" for kind, joints in names.items() if joints)
+        facts.append(Fact("idle turns", IDLE_TURNS.format(certificate, turns=turns)))
     if certificate.rounded_gap:
         facts.append(Fact("rounded", ROUNDED.format(certificate)))
     return facts
@@ -233,14 +242,3 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
         s = plan.law(np.linspace(0.0, plan.duration, PEAK_SAMPLES))
         facts.append(Fact("warning", OVERSHOOT.format(s.min(), s.max())))
     return facts
-
-
-def _idle_turns(robot: ParallelRobot) -> str:
-    """Return the idle turns that are held still, and the turns that balls drive, in words."""
-    driven = driven_turns(robot)
-    kinds = {
-        "held still": np.setdiff1d(robot.structure.idle, driven),
-        "as damping or armature of their balls drives them": driven,
-    }
-    names = {kind: ", ".join(map(robot.coordinates.turn_name, columns)) for kind, columns in kinds.items()}
-    return "; ".join(f"{joints} {kind}" for kind, joints in names.items() if joints)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -506,7 +507,8 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
 
     Args:
         key: of the value in the whole document, such as `crossings[0].condition`.
-        size: of a number, see `_values_agree`; None for other values. For a mapping, the sizes of its values
+        size: of a number, which may differ by FILE_ROUNDING times the size, or times the computed number if
+            that is larger; None for other values, which must be equal. For a mapping, the sizes of its values
             by key. For a list of mappings, the sizes in any of them.
     """
     if isinstance(computed, Mapping) and isinstance(stated, Mapping):  # key by key
@@ -520,24 +522,15 @@ def _check_value(key: str, stated: Any, computed: Any, size: Any) -> None:
         for k, (stated_entry, entry) in enumerate(zip(stated, computed, strict=True)):
             _check_value(f"{key}[{k}]", stated_entry, entry, size)
         return
-    if isinstance(computed, Mapping) or has_entries or not _values_agree(stated, computed, size):
+    is_leaf = not isinstance(computed, Mapping) and not has_entries
+    agrees = is_leaf and bool(stated == computed)
+    if is_leaf and size is not None and computed is not None and not agrees:
+        with suppress(InvalidInput):  # no numbers
+            numbers = real_numbers("", stated)
+            allowed = FILE_ROUNDING * np.maximum(size, np.abs(computed))
+            agrees = numbers.shape == allowed.shape and bool(np.all(np.abs(numbers - computed) <= allowed))
+    if not agrees:
         raise InvalidInput(
             f"{key}: the file says {short(stated)}, the robot now needs {short(computed)}: the robot has "
             f"changed since; plan again"
         )
-
-
-def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
-    """Return whether the value of a leaf in the file agrees with the computed one.
-
-    Numbers may differ by FILE_ROUNDING times `size`, or times the computed number if that is larger. Without
-    a size the values must be equal.
-    """
-    if size is None or computed is None or stated == computed:
-        return bool(stated == computed)
-    try:
-        numbers = real_numbers("", stated)
-    except InvalidInput:
-        return False
-    allowed = FILE_ROUNDING * np.maximum(size, np.abs(computed))
-    return numbers.shape == allowed.shape and bool(np.all(np.abs(numbers - computed) <= allowed))

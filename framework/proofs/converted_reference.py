@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import islice
 
@@ -13,6 +14,7 @@ from framework.kinematics.assembly import NEARBY_DISTANCE
 from framework.kinematics.diagnostics.regular_reference import regular_reference
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.urdf_elements import ParsedRobot
@@ -26,9 +28,15 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     """Move a reference that the file does not state away from singularities; remark on other modes.
 
     A stated reference stays, and the remark has the one away from singularities. Other assembly modes are
-    listed if the reference had to be moved to close the loops.
+    listed if the reference had to be moved to close the loops. If no robot can be assembled, the only remark
+    says why.
     """
     description = parsed.description
+    try:
+        robot = ParallelRobot.assemble_or_advise(Mechanism.from_description(description))
+    except FrameworkError as error:
+        advice = f"; {_write_option(error.remedy['reference'])} would do" if error.remedy else ""
+        return description, [f"NOT ASSEMBLED, so that nothing can be planned yet: {error.sentence}{advice}"]
     if parsed.stated is None:  # a robot file of ours
         return description, []
     count = len(description.actuators)
@@ -36,7 +44,6 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
         remark = f"reference: for {count} motors neither singularities near it nor other modes are looked for"
         return description, [remark]
     try:
-        robot = ParallelRobot.from_description(description)
         require_square(robot)
         near, regular = regular_reference(robot)
     except FrameworkError:  # `crossing check` explains it
@@ -95,4 +102,9 @@ def _reference_option(robot: ParallelRobot, q: Array) -> str:
         return ""
     if np.abs(difference(robot, q, posed.reference.q)).max() > NEARBY_DISTANCE:
         return ""
-    return shlex.join(["--reference", *(f"{name}={value:g}" for name, value in values.items())])
+    return _write_option(values)
+
+
+def _write_option(reference: Mapping[str, float]) -> str:
+    """Return the option `--reference` of joint positions by name."""
+    return shlex.join(["--reference", *(f"{name}={value:g}" for name, value in reference.items())])

@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, ParallelRobot, assemble
-from framework.atlas.transmission import transmission
+from framework.atlas.transmission import _mapping_error, transmission
 from framework.catalogue import own_file
 
 CASES = [("humanoid_ankle", [-0.3, -0.2], [0.3, 0.2], [0.0, 0.0]), ("humanoid_knee", [0.5], [1.5], [1.0])]
@@ -174,3 +174,11 @@ def test_what_is_no_transmission_is_refused(refusal):
     assert "lower and upper" in refusal(2, "transmission", "five_bar")
     assert "lower < upper" in refusal(2, "transmission", "humanoid_knee", "--lower", "1", "--upper", "0.5")
     assert "frequencies: must be greater" in refusal(2, "transmission", "humanoid_knee", "--frequencies", "0")
+
+
+def test_without_weight_and_dampers_all_torques_of_a_sine_grow_with_the_square_of_its_frequency():
+    robot = robots.load("three_rrr")
+    once, thrice = (_mapping_error(robot, robot.reference.x, np.eye(3), 0, f) for f in (1.0, 3.0))
+    for slow, quick in zip(once[2:], thrice[2:], strict=True):
+        np.testing.assert_allclose(quick, 9.0 * slow, rtol=1e-9, atol=1e-9 * quick.max())
+    assert min(once.mapped) > 0.0

@@ -447,3 +447,18 @@ def test_work_of_neglected_friction_is_a_share_of_that_of_the_motors(monkeypatch
     assert of_study("neglected_work", highest=plan) == pytest.approx(lost / given, rel=1e-4)
     plan.torque = lambda t: 0.0 * t[:, None]
     assert of_study("neglected_work", highest=plan) == np.inf
+
+
+@pytest.mark.parametrize("reason", ["", "run away at t = 0.3 s"])
+def test_no_level_is_enough_for_the_reason_of_the_most_detailed_one_or_its_deviation(reason):
+    most = SimpleNamespace(motion=1, reason=reason, platform=0.25, level=SimpleNamespace(name="most"))
+    study = SimpleNamespace(
+        robot=robots.load("five_bar"),
+        enough=None,
+        tolerance=0.01,
+        neglected_work=0.0,
+        has_control=False,
+        levels=[SimpleNamespace(motion=1, reason="another"), most, SimpleNamespace(motion=None)],
+    )
+    said = str(FidelityStudy.refusal.fget(study))
+    assert f"most, {reason or 'leave the path by 25 % of its length'}; without feedback" in said

@@ -117,6 +117,10 @@ def test_an_error_that_is_not_a_number_is_not_none():
     assert [indicators.error[name] for name in names] == [np.inf] * 3 + [0.02] * (len(names) - 4) + [0.0]
     assert indicators.choose_level(0.1) == names[3]
     assert set(indicators.words) == set(names)
+    assert [bool(indicators.words[name]) for name in names] == [
+        name not in (names[2], names[-1]) for name in names
+    ]
+    assert all(share in indicators.words[names[0]] for share in ("torques 1", "platform 2"))
 
 
 def test_open_loop_errors_are_those_of_an_equation_with_known_solution_to_second_order():

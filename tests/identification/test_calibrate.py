@@ -11,7 +11,7 @@ import robots
 from framework import InvalidInput, Line, NoAnswer, NotConverged, ParallelRobot, assemble, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
-from framework.identification.calibrate import NOISE, _prediction_error
+from framework.identification.calibrate import NOISE, _prediction_error, _solve_at_platform
 from framework.identification.geometry import parametrise_geometry, select_measurements
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
@@ -112,6 +112,26 @@ def test_poses_on_both_sides_of_type_2_calibrate_where_the_platform_is_measured(
     np.testing.assert_allclose(motors[0], motors[1], rtol=0, atol=1e-3)
     with pytest.raises(NoAnswer):
         calibrate(nominal, only(data, "motor_angle", "platform_x"))
+
+
+def test_slides_beyond_their_ranges_reach_as_far_as_they_are_measured():
+    robot = robots.load("three_rpr")  # slides of at most 1.2 m
+    x = robot.reference.x + np.array([1.5, 0.4, 0.0])
+    q_a = robot.actuated_coordinates(assemble(robot, x).q[None])  # (1, 3) up to 1.97 m
+    names = (
+        *(f"motor_angle_{joint}" for joint in robot.actuator_names),
+        "platform_x",
+        "platform_y",
+        "platform_rz",
+    )
+    geometry = parametrise_geometry(robot)
+
+    def solve(q_a: np.ndarray) -> np.ndarray | None:
+        data = Recording("far", names, np.column_stack([q_a * robot.gear_ratio, x[None]]))
+        return _solve_at_platform(geometry, select_measurements(geometry, data, NOISE))
+
+    np.testing.assert_allclose(geometry.model.actuated_coordinates(solve(q_a)), q_a, rtol=0, atol=1e-12)
+    assert solve(0.1 * q_a) is None
 
 
 def test_an_error_of_one_rod_is_found_and_named():

@@ -1,5 +1,7 @@
 """Motions to record: their limits, their torques by another computation, and what their recordings show."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from framework.identification.base_parameters import (
     torque_parameters,
     with_masses_and_motors,
 )
-from framework.identification.excite import PeriodicMotion, _Design
+from framework.identification.excite import PeriodicMotion, _complete, _Design
 from framework.kinematics.linearised_loops import clearance, linearised_at, linearised_at_reference
 
 SENSORS = Sensors(rate=250.0)
@@ -140,3 +142,21 @@ def test_digits_are_those_of_a_value_over_its_deviation(excitation):
     shares = [np.abs(quantity["file"]) / quantity["deviation"] for quantity in quantities]
     assert max(shares) > 10.0
     assert [10.0 ** quantity["digits"] for quantity in quantities] == pytest.approx(np.maximum(shares, 1.0))
+
+
+def test_a_motion_beyond_its_limits_is_made_smaller_and_keeps_its_shape():
+    tried = []
+
+    def evaluate(z, times, q):
+        tried.append(z)
+        return "too much torque"
+
+    design = SimpleNamespace(duration=1.0, period=1.0, evaluate=evaluate, robot=ROBOT)
+    z = np.random.default_rng(0).standard_normal((5, 2))
+    with pytest.raises(NoAnswer, match="does not keep the limits: too much torque"):
+        _complete(design, z, None, 100.0)
+    shares = np.array([np.vdot(z, smaller) / np.vdot(z, z) for smaller in tried])
+    np.testing.assert_allclose(tried, shares[:, None, None] * z, atol=1e-15)
+    assert shares[0] == 1.0
+    assert np.all(np.diff(shares) < 0.0)
+    assert 0.0 < shares[-1] < 0.5

@@ -11,7 +11,7 @@ import robots
 from framework import InvalidInput, plan_scene, simulate
 from framework.cli import main
 from framework.identification import Recording, Sensors, read_recording, record_sensors
-from framework.identification.conversions import Conversions, load_recording
+from framework.identification.conversions import Conversions, _search_zero, load_recording
 from framework.identification.measured_motion import check_signals
 
 ROBOT = robots.load("five_bar")
@@ -265,3 +265,23 @@ def test_the_command_line_writes_sensors_beside_the_simulation(tmp_path, capsys)
     assert "--out" in capsys.readouterr().err
     assert main([*words, "speed=2", "--out", str(tmp_path / "b")]) == 2
     assert "unknown property of --sensors 'speed'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("share", [-0.9, -0.3, 0.01, 0.2, 0.8])
+def test_a_zero_is_found_wherever_it_is_within_the_travel_of_its_column(share):
+    motor = "motor_angle_left_motor"
+    true = 3.0 + np.linspace(-1.0, 1.0, 21) ** 3  # travels by 2
+
+    def misfit(recording):
+        return np.square(recording.column(motor) - true).mean()
+
+    data = Recording(
+        "shifted",
+        (motor,),
+        Conversions(zeros={motor: -2.0 * share})
+        .convert(Recording("true", (motor,), true[:, None]))
+        .column(motor)[:, None],
+    )
+    least, found = _search_zero(data, motor, misfit)
+    assert least < 1e-4
+    assert found.zeros[motor] == pytest.approx(2.0 * share, abs=1e-2)

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +24,9 @@ from framework import (
 )
 from framework.laws.law import conditions_at_instants
 from framework.planning.plan_facts import motion_facts
+from framework.planning.raised_polynomial import RaisedDegree
 from framework.planning.refusals import check_advance
+from framework.singularity.points_on_path import Condition8
 
 ROBOT = "five_bar"
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -197,3 +200,14 @@ def test_an_acceleration_that_is_rounding_is_printed_without_a_sign(robot):
     for acceleration in (-1e-12, 0.0, 1e-12):
         facts = motion_facts(replace(plan, crossings=(replace(crossing, acceleration=acceleration),)))
         assert any('s" = 0 1/s2' in fact.value for fact in facts)
+
+
+def test_accelerations_at_crossings_meet_condition_8_and_their_slopes_are_differences():
+    conditions = [Condition8(2.0, 0.7, -0.3, 0.4), Condition8(-1.5, 0.2, 0.9, -0.6)]
+    problem, speeds = SimpleNamespace(duration=1.3, conditions=conditions), np.array([0.8, 2.1])
+    values, slopes = RaisedDegree._acceleration(problem, speeds)
+    v, a = speeds / 1.3, values / 1.3**2  # per second
+    for (alpha, beta, gamma, delta), one_v, one_a in zip(conditions, v, a, strict=True):
+        assert alpha * one_a + beta * one_v**2 + delta * one_v + gamma == pytest.approx(0.0, abs=1e-15)
+    ahead, behind = (RaisedDegree._acceleration(problem, speeds + h)[0] for h in (1e-4, -1e-4))
+    np.testing.assert_allclose(slopes, (ahead - behind) / 2e-4, rtol=1e-9)

@@ -14,6 +14,7 @@ from framework.kinematics.diagnostics.diagnosis import describe_pose
 from framework.proofs import converted_reference
 from framework.proofs.assembly_modes import _null_space, assembly_modes
 from framework.proofs.converted_reference import _other_modes
+from framework.proofs.passive_joints import distance_from_reference
 from framework.proofs.working_modes import working_modes
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.robots.test_three_rpr import legs as three_rpr_legs
@@ -367,3 +368,12 @@ def test_other_modes_of_many_joints_are_left_to_a_command(monkeypatch):
     (remark,) = _other_modes(robot)
     assert "in 1 ways, which crossing pose FILE --motors" in remark
     assert "--reference" not in remark
+
+
+def test_distances_of_poses_are_in_rad_and_in_lengths_of_the_robot():
+    robot = robots.load("three_rpr")
+    slides = np.flatnonzero(robot.sliding)
+    assert 0 < len(slides) < robot.nv
+    for k in range(robot.nv):
+        step = (robot.length if k in slides else 1.0) * np.eye(robot.nv)[k]
+        assert distance_from_reference(robot, robot.reference.q + 0.3 * step) == pytest.approx(0.3)

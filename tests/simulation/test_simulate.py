@@ -374,6 +374,16 @@ def test_a_zero_between_two_steps_is_seen_once(method):
         assert [one.time for one in result.occurrences] == pytest.approx([instant], abs=1e-14)
 
 
+@pytest.mark.parametrize("method", ["reference", "stiff", "fast"])
+def test_an_event_occurs_where_the_motion_that_is_returned_has_it(method):
+    robot = robots.load("five_bar")
+    angle = robot.reference.q[0] + 0.01
+    turned = Event(lambda t, q, v: q[0] - angle)
+    result = simulate(robot, lambda t: [0.1, 0.0], method=method, duration=0.05, events=[turned])
+    (one,) = result.occurrences
+    assert np.ravel(result.configuration(one.time))[0] == pytest.approx(angle, abs=1e-14)
+
+
 @pytest.mark.parametrize("value", [np.nan, None, [1.0, 2.0], "a"])
 def test_what_is_no_number_is_refused(value):
     event = Event(lambda t, q, v: value if t > 0.02 else 1.0, name="gauge")

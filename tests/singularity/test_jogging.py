@@ -40,6 +40,10 @@ def test_the_platform_is_led_across_a_singularity_and_g_changes_sign(robot):
     below = move_platform(robot, on.q, 1, 0.22)
     assert (above.level, on.level) == ("regular", "singular")
     assert "Type 2" in on.verdict
+    assert not on.verdict.startswith("near ")
+    beside = move_platform(robot, above.q, 1, float(np.sqrt(0.06)) + 3e-3)
+    assert beside.level == "near"
+    assert beside.verdict == f"near a {on.verdict.split(':')[0]}"
     assert abs(on.g) == pytest.approx(on.smallest, abs=1e-12)
     assert abs(on.g) < 1e-9
     assert above.g * below.g < 0

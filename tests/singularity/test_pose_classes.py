@@ -9,13 +9,23 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import InvalidInput, ParallelRobot, assemble, classify, dynamics_at, velocity_matrices
+from framework import (
+    InvalidInput,
+    Line,
+    ParallelRobot,
+    assemble,
+    classify,
+    dynamics_at,
+    locate_singularities,
+    velocity_matrices,
+)
 from framework.kinematics.linearised_loops import linearised_at
 from framework.singularity import pose_classes, type2
 from robots.generators import delta, gough_stewart
 from tests.oracles import five_bar as oracle
 from tests.robots import test_n_four_bar as n_four_bar
 from tests.robots import test_three_upu as three_upu
+from tests.robots.transformed import scaled
 from tests.singularity.test_drawn_locus import LINK, MOTORS, elbows
 
 ROBOT = "five_bar"
@@ -280,3 +290,11 @@ def test_a_robot_is_singular_everywhere_if_it_is_so_at_all_poses_that_are_drawn(
     monkeypatch.setattr(pose_classes, "linearised_at", lambda robot, q: q)
     monkeypatch.setattr(pose_classes, "clearance", lambda robot, values: np.atleast_1d(values))
     assert pose_classes._is_singular_everywhere(robot, 1.0) == (beside == there == 0.0)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
+def test_slides_cross_the_locus_whatever_the_size_of_the_robot(size):
+    robot = ParallelRobot.from_description(scaled(robots.load("orthoglide").description, size))
+    (point,) = locate_singularities(robot, Line([0, 0, 0], [0.15 * size] * 3))
+    q = assemble(robot, point.platform).q
+    assert classify(robot, q, along=[size] * 3).contact == "transversal"

@@ -1,5 +1,7 @@
 """Traced loci against the geometry of each mechanism: conics, coupler curves, rods that meet in a point."""
 
+from types import SimpleNamespace
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import robots
 from framework import InvalidInput, locate_singularities, trace_locus
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.linearised_loops import linearised_at_reference, type1_matrix
 from framework.kinematics.modes import leg_signs, legs
 from framework.planning.scenes import scene_path
@@ -256,6 +259,23 @@ def test_the_determinants_of_the_legs_multiply_to_that_of_the_inverse_kinematics
     assert sum(parts)[0] == pytest.approx(whole[1][0], abs=1e-9)
     assert set(np.abs(leg_signs(robot, linearised)[0])) == {1.0}
     assert sorted(motor for leg in legs(robot) for motor in leg.motors) == sorted(robot.actuator_names)
+
+
+def test_solutions_are_found_by_steps_that_are_not_too_long():
+    """Of linear equations: the way is straight."""
+    goal, steps = np.array([2.5, -1.0]) * MAX_NEWTON_STEP, []
+
+    def evaluate(q, corank):
+        return SimpleNamespace(values=q - goal, slopes=np.tile(np.eye(2), (len(q), 1, 1)))
+
+    def move(q, change):
+        steps.extend(change)
+        return q + change
+
+    found = find_solutions(SimpleNamespace(evaluate=evaluate, move=move), np.zeros((1, 2)))
+    np.testing.assert_allclose(found, [goal], rtol=1e-14)
+    assert np.abs(steps).max() == pytest.approx(MAX_NEWTON_STEP)
+    assert np.linalg.matrix_rank([goal, *steps], tol=1e-12) == 1
 
 
 def test_a_closed_curve_arrives_in_the_direction_in_which_it_starts(robot):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import (
     InvalidInput,
@@ -41,6 +42,7 @@ from framework.kinematics.linearised_loops import (
     linearised_at_reference,
     type1_matrix,
 )
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike, IntArray
@@ -296,27 +298,42 @@ def _branch_end_error(
     ).adding(remark_on_reach(robot, path(1.0)[robot.platform.sliding]))
 
 
-def reach_of_links(robot: ParallelRobot) -> float:
+def reach_of_links(robot: ParallelRobot, travel: Array) -> float:
     """Return the farthest place [m] of the platform's origin from the base that its links allow.
 
-    It is their summed length from base to platform, slides at the far end of their range, springs at rest. A
-    slide without limits, such as those of a floating joint, makes it practically infinite.
+    It is the length of the shortest chain of links to the platform, springs at rest, slides at their `travel`
+    (nv,). Links hang together by joints, and by closures that hold two points at a distance or in one place.
     """
     model = robot.model
-    frame = model.frames[robot.frames[0]]  # the platform's frame
-    reach = float(np.linalg.norm(frame.placement.translation))  # [m]
-    for k in list(model.supports[frame.parentJoint])[1:]:  # the joints from the base, without the world
-        joint = model.joints[k]
-        reach += float(np.linalg.norm(model.jointPlacements[k].translation))
-        if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
-            ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-            reach += float(np.abs(ends).max())
-    return reach
+
+    def arm(frame: pin.Frame) -> float:
+        """Return the distance [m] of a frame from the joint that carries it."""
+        return float(np.linalg.norm(frame.placement.translation))
+
+    lengths = np.full((model.njoints, model.njoints), np.inf)  # [m] between the origins of two joints
+    for k in range(1, model.njoints):
+        column = model.joints[k].idx_v
+        slide = travel[column] if robot.sliding[column] and column not in robot.elastic else 0.0
+        lengths[model.parents[k], k] = np.linalg.norm(model.jointPlacements[k].translation) + slide
+    for closure in robot.description.closures:
+        if closure.length is not None or {"x", "y", "z"} <= set(closure.axes):
+            first, second = (model.frames[frame_index(model, name)] for name in closure.frames)
+            ends = first.parentJoint, second.parentJoint
+            lengths[ends] = min(lengths[ends], arm(first) + (closure.length or 0.0) + arm(second))
+    lengths = np.minimum(lengths, lengths.T)
+    shortest = np.where(np.arange(model.njoints) == 0, 0.0, np.inf)  # (njoints,) from the base
+    for _ in range(model.njoints):  # a chain passes each joint once
+        shortest = np.minimum(shortest, (shortest[:, None] + lengths).min(axis=0))
+    platform = model.frames[robot.frames[0]]
+    return float(shortest[platform.parentJoint]) + arm(platform)
 
 
 def remark_on_reach(robot: ParallelRobot, position: Array) -> str:
     """Return a clause on a platform beyond the reach of the links at a position [m]; else an empty one."""
-    reach = reach_of_links(robot)
+    travel = np.full(robot.nv, np.inf)  # [m] of slides without limits, such as those of a floating joint
+    for limit in robot.limits:
+        travel[limit.column] = max(abs(limit.lower), abs(limit.upper))
+    reach = reach_of_links(robot, travel)
     distance = np.linalg.norm(position)
     if distance <= reach:
         return ""

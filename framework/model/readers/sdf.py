@@ -154,9 +154,9 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
     if not named_by_plugins:  # nor has a joint a motor whose effort is 0
-        efforts = {name: child_text(scope.joints[name], "axis/limit/effort", "") for name in tree_names}
-        driven = [name for name, effort in efforts.items() if effort not in ("0", "0.0")]
-        tree.likely_motors = driven if len(driven) < len(efforts) else []
+        effort = {"axis/limit/effort": "-1"}  # not limited, as is one that is left out
+        driven = [name for name in tree_names if any(_read_values(scope.joints[name], name, effort))]
+        tree.likely_motors = driven if len(driven) < len(tree_names) else []
     for name in scope.frames:
         with suppress(RobotFileError):  # a frame without a place, such as one on a model without a file
             if (link := scope.link_of(name)) in tree.links:

@@ -22,7 +22,12 @@ from framework.dynamics.deflection_splines import KnownDeflections
 from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.restoration import LEAST_MISFIT, BalanceSolution, refine_balance
 from framework.dynamics.static_fold import find_static_fold
-from framework.dynamics.torque_response import foresee_deflections, motor_peaks, renew_cells, respond_to_law
+from framework.dynamics.torque_response import (
+    foresee_deflections,
+    peaks_at_nodes,
+    renew_cells,
+    respond_to_law,
+)
 from framework.errors import (
     NoAnswer,
     NoLaw,
@@ -331,7 +336,7 @@ class ElasticSearch:
         new: Iterate | None
         new = start = self._balance_law(first, None)
         assert start.balance is not None
-        peak = (motor_peaks(start.balance) / first.reference).max()
+        peak = (peaks_at_nodes(start.balance) / first.reference).max()
         # whether no better motion is expected: deflections change nothing, or the last step gained too little
         is_last = abs(peak / first.peak - 1.0) < PEAK_TORQUE_MISMATCH and _is_near_least(first)
         if is_last:

@@ -410,18 +410,19 @@ class SmoothSearch(NamedTuple):
         problem = self.program.problem
         positive_xi = np.clip(self.program.positive_xi, -1.0, 1.0)
         sigma = problem.task.stretch.inverse(positive_xi)  # (points,)
-        # the sum of (torque at rest over the reference)^2 at sigma. Torques at rest are the offsets of the
-        # rows, of which the first M are those of the points
-        points = problem.task.stretch.inverse(self.program.xi)  # (M,)
-        held = np.stack([torque.offset[: len(points)] for torque in self.program.rows.torque], axis=1)
-        cost = np.interp(sigma, points, ((held / problem.reference) ** 2).sum(axis=1))
+        # the sum of (torque at rest over the reference)^2; torques at rest are offsets, as z = u = 0, and the
+        # first M rows of the program are at its points
+        points = problem.task.stretch.inverse(self.program.xi)  # sigma (M,)
+        at_rest = [torque.offset[: len(points)] for torque in self.program.rows.torque]  # (M,) of each motor
+        ratio = np.stack(at_rest, axis=1) / problem.reference  # (M, n_a)
+        cost = np.interp(sigma, points, (ratio**2).sum(axis=1))  # (points,)
         is_minimum = np.pad((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]), 1)
         edges = np.array([0.0, *problem.stops, 1.0])
-        at_rest = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
+        resting_ends = np.array([0.0, 1.0])[~np.array(problem.specification.ends.moving)]
         masks = list[list[BoolArray]]()  # of each stage, one after the other
         for start, end in pairwise(edges[: 1 + np.isfinite(problem.stages).sum()]):
             reach = width * (end - start)
-            resting = at_rest[(at_rest == start) | (at_rest == end)]
+            resting = resting_ends[(resting_ends == start) | (resting_ends == end)]
             if goal != "curvature" and len(resting) > 1:
                 resting = resting[[np.argmin(cost[[0, -1]])]]
             if not len(resting):
@@ -480,11 +481,13 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     # through three places or points
     ends = np.unique([intervals, intervals + 1])
     xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
-    xi, ratio = xi[np.argsort(xi)], ratio[np.argsort(xi)]
-    rise, fall = np.diff(ratio)[:-1], -np.diff(ratio)[1:]
+    order = xi.argsort()
+    xi, ratio = xi[order], ratio[order]  # (R,)
+    step, change = np.diff(xi), np.diff(ratio)  # (R - 1,)
+    rise, fall = change[:-1], -change[1:]  # to each place and from it, (R - 2,)
     is_maximum = (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0)
     chosen = np.flatnonzero(is_maximum & (ratio[1:-1] > nearly_reached))
-    before, after, rise, fall = np.diff(xi)[chosen], np.diff(xi)[chosen + 1], rise[chosen], fall[chosen]
+    before, after, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
     vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
     taken = np.append(program.xi, problem.crossing_xi)
     distance = np.abs(vertices[:, None] - taken).min(axis=1)

@@ -541,8 +541,14 @@ def _weigh_limits(xi: Array, cells: Array, crossings: Array) -> list[Array]:
     weights = []
     for crossing in crossings:
         for cell in np.flatnonzero(cells_about(cells, crossing[None])):
-            points = np.flatnonzero((cells[cell] < xi) & (xi < cells[cell + 1]))
-            weights.append(_lagrange_weights(xi, points, crossing))
+            chosen = np.flatnonzero((cells[cell] < xi) & (xi < cells[cell + 1]))
+            points = xi[chosen]  # (k,)
+            # Lagrange: the product of (crossing - x_j) / (x_i - x_j) over all j other than i
+            denominators = points[:, None] - points + np.eye(len(points))  # (k, k)
+            numerators = np.tile(crossing - points, (len(points), 1))
+            np.fill_diagonal(numerators, 1.0)
+            weights.append(np.zeros(len(xi)))
+            weights[-1][chosen] = numerators.prod(axis=1) / denominators.prod(axis=1)
     return weights
 
 
@@ -577,24 +583,6 @@ def _integration_points(problem: LawProblem, cells: Array, counts: IntArray) -> 
     xi_weights = np.concatenate([[0.0], half_width * local_weights, [0.0]])
     xi_slope = problem.task.stretch(problem.sigma(xi), order=1)  # d xi / d sigma
     return xi, xi_weights / xi_slope
-
-
-def _lagrange_weights(xi: Array, chosen: IntArray, x: float) -> Array:
-    """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x.
-
-    The weight of point i is the product of (x - x_j) / (x_i - x_j) over all chosen points j other than i.
-
-    Args:
-        chosen: indices (k,) of the interpolated points; the others get the weight zero.
-    """
-    points = xi[chosen]
-    # (k, k) factors of the products; those with j = i are 1
-    denominators = points[:, None] - points + np.eye(len(points))
-    numerators = np.tile(x - points, (len(points), 1))
-    np.fill_diagonal(numerators, 1.0)
-    weights = np.zeros(len(xi))
-    weights[chosen] = numerators.prod(axis=1) / denominators.prod(axis=1)
-    return weights
 
 
 def _scale_large_rows(rows: AffineRows) -> AffineRows:

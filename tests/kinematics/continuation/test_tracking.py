@@ -1,12 +1,13 @@
 """Following a path: the branch of a closed form, whichever way and in whatever steps it is followed."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
 from framework import Arc, InvalidInput, Line, NoAnswer, assemble, track_path
+from framework.identification.base_parameters import random_poses
 from framework.kinematics.continuation.tracking import follow_path, reach_of_links
+from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import count_lost_ranks, linearised_at
 from tests.kinematics.continuation.small_steps import PLACES, draw_path, ends_at_singularity, is_followed
 from tests.oracles.closure_rows import closure_errors
@@ -127,17 +128,9 @@ def test_a_rank_is_lost_by_the_share_of_the_largest_singular_value():
 
 
 @pytest.mark.parametrize("name", ["five_bar", "slider_crank", "delta", "orthoglide", "gough_stewart"])
-def test_no_joint_positions_within_the_slides_ranges_lead_beyond_the_links(name):
+def test_no_closed_pose_lies_beyond_the_links_and_the_travel_of_slides(name):
     robot = robots.load(name)
-    model, data = robot.model, robot.model.createData()
-    rng = np.random.default_rng(4)
-    reach = reach_of_links(robot)
-    frame = robot.frames[0]
-    for step in 3.0 * rng.standard_normal((50, model.nv)):
-        q = pin.integrate(model, pin.neutral(model), step)
-        for k in range(1, model.njoints):  # slides at an end of their range
-            joint = model.joints[k]
-            if joint.nv == 1 and robot.sliding[joint.idx_v]:
-                q[joint.idx_q] = rng.choice([model.lowerPositionLimit, model.upperPositionLimit])[joint.idx_q]
-        pin.framesForwardKinematics(model, data, q)
-        assert np.linalg.norm(data.oMf[frame].translation) <= reach
+    q, _ = random_poses(robot, 40, np.random.default_rng(4))
+    travel = np.abs(robot.coordinates.positions(q)).max(axis=0)  # (nv,) [m] of slides
+    distance = np.linalg.norm(frames_at(robot, q).platform_origin, axis=1)
+    assert distance.max() <= reach_of_links(robot, travel) < 20.0 * robot.length

@@ -11,6 +11,7 @@ from framework import Line, Mechanism, ParallelRobot, RobotFileError, locate_sin
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import JointDynamics, locked_axes
 from framework.model.readers import parse_any, read_any
+from framework.model.readers.sdf_scope import Scope
 from framework.proofs.assembly_modes import assembly_modes
 from tests.model.readers.foreign_files import short_move
 from tests.oracles.placements import placements
@@ -485,7 +486,7 @@ def test_a_loop_in_words_between_frames_of_the_file_is_that_of_a_joint(tmp_path)
         read(tmp_path, text)
 
 
-def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: str = "0") -> str:
+def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: str = "0.00") -> str:
     """A hinge about y that stands in a frame of each link, as Drake writes it."""
     ends = f"<parent>{parent}</parent><child>{child}</child>"
     places = "".join(
@@ -585,3 +586,10 @@ def test_an_inertia_that_is_auto_is_that_of_solid_collisions(tmp_path):
         RobotFileError, match="left_rod': its <inertial auto> is that of a cone, which is not"
     ):
         left_rod(shape="cone")
+
+
+def test_a_frame_is_carried_by_the_link_at_the_end_of_its_chain_however_long():
+    chain = {f"frame_{k}": f"frame_{k + 1}" for k in range(9)} | {"frame_9": "link"}
+    assert Scope(1.7, attached=chain, links={"link": None}).link_of("frame_0") == "link"
+    with pytest.raises(RobotFileError, match="frame_0"):
+        Scope(1.7, attached=chain | {"frame_9": "frame_0"}, links={"link": None}).link_of("frame_0")
