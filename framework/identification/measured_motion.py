@@ -61,7 +61,7 @@ class MeasuredMotion:
     motion: Motion
     errors: SplineErrors  # of the signals from which the motion is computed, motors' joints or platform
     sign_known: BoolArray  # (T, n_a) whether the speed of a motor is above its noise
-    acceleration_known: BoolArray  # (T,) not at the ends, nor in a gap of the samples
+    acceleration_known: BoolArray  # (T,) not at the ends, in a gap of the samples, nor beside a rest
     torque: Array  # (T, n_a) as recorded, motor side
     motor_misfit: float  # [rad, robot lengths] largest offset of the motors; 0 if poses are from motors
 
@@ -165,14 +165,20 @@ def measured_motion(
         misfit = _motor_misfit(
             robot, data.rows(instants), motion, joints.values[0], leads_elsewhere=leads_elsewhere
         )
+    # where the robot stands still strokes meet; a spline rounds corners of accelerations by about an interval
+    times = times[instants]
+    sign_known = np.abs(motion.v[:, robot.actuated]) > joints.rate_error  # (S, n_a)
+    rest = times[~sign_known.any(axis=1)]
+    reach = 0.5 / smoothed.cutoff  # [s] one interval of knots
+    has_rest = np.searchsorted(rest, times + reach, side="right") > np.searchsorted(rest, times - reach)
     return MeasuredMotion(
         source=source,
         cutoff=joints.cutoff,
-        times=times[instants],
+        times=times,
         motion=motion,
         errors=smoothed.errors,
-        sign_known=np.abs(motion.v[:, robot.actuated]) > joints.rate_error,
-        acceleration_known=smoothed.acceleration_known,
+        sign_known=sign_known,
+        acceleration_known=smoothed.acceleration_known & ~has_rest,
         torque=data.columns("torque", robot.actuator_names)[instants],
         motor_misfit=misfit,
     )

@@ -7,7 +7,8 @@ With G' = N' S the equations N' Y theta + constant = G' tau (`base_parameters`) 
 where tau is B G' tau if motors are redundant: the part of the torques that moves the robot. Each equation is
 a series in time with the noise of one motor; errors of the accelerations change B N' Y. Not valid are the
 instants near Type 2, where G' loses rank, those at which the sign of the motor's speed is unknown, where dry
-friction may have any value, and those at the ends and in gaps, where accelerations are noise.
+friction may have any value, those at the ends and in gaps, where accelerations are noise, and those beside a
+rest of the robot, where strokes meet and splines round the corners of accelerations.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import islice
 
@@ -14,7 +13,6 @@ from framework.kinematics.assembly import NEARBY_DISTANCE
 from framework.kinematics.diagnostics.regular_reference import regular_reference
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.urdf_elements import ParsedRobot
@@ -33,10 +31,9 @@ def choose_reference(parsed: ParsedRobot) -> tuple[RobotDescription, list[str]]:
     """
     description = parsed.description
     try:
-        robot = ParallelRobot.assemble_or_advise(Mechanism.from_description(description))
+        robot = ParallelRobot.from_description(description)
     except FrameworkError as error:
-        advice = f"; {_write_option(error.remedy['reference'])} would do" if error.remedy else ""
-        return description, [f"NOT ASSEMBLED, so that nothing can be planned yet: {error.sentence}{advice}"]
+        return description, [f"NOT ASSEMBLED, so that nothing can be planned yet: {error.sentence}"]
     if parsed.stated is None:  # a robot file of ours
         return description, []
     count = len(description.actuators)
@@ -102,9 +99,4 @@ def _reference_option(robot: ParallelRobot, q: Array) -> str:
         return ""
     if np.abs(difference(robot, q, posed.reference.q)).max() > NEARBY_DISTANCE:
         return ""
-    return _write_option(values)
-
-
-def _write_option(reference: Mapping[str, float]) -> str:
-    """Return the option `--reference` of joint positions by name."""
-    return shlex.join(["--reference", *(f"{name}={value:g}" for name, value in reference.items())])
+    return shlex.join(["--reference", *(f"{name}={value:g}" for name, value in values.items())])

@@ -19,7 +19,7 @@ from framework.atlas.survey import (
     map_point,
     survey_window,
 )
-from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
+from framework.atlas.sweep import STEP_PARTS, PoseReason, fill_grid, step_poses
 from framework.atlas.workspace_map import MAX_COARSE_STRIDE, _coarse_stride, workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics import inverse_kinematics
@@ -480,3 +480,16 @@ def test_part_of_a_turn_may_go_on_at_both_ends_and_poses_are_counted_once():
     assert found.counts == dict.fromkeys(found.reason_words, 0) | {found.reason_words[0]: 7}
     locus = map_document(found)["locus"]
     assert locus["traced"] is True
+
+
+def test_of_poses_that_are_not_reached_only_those_beside_reached_ones_have_been_tried(robot):
+    """Up from the reference of the 5R until both legs are too short."""
+    x = robot.reference.x + np.outer(0.03 * np.arange(9), [0.0, 1.0])
+    q, reason = np.full((9, 1, robot.model.nq), np.nan), np.full((9, 1), PoseReason.NO_NEIGHBOUR)
+    q[0, 0], reason[0, 0] = robot.reference.q, PoseReason.REACHED
+    fill_grid(robot, x[:, None], q, reason, [1])
+    inside = int((five_bar_pose.reachable(x) > 0.0).sum())
+    assert 0 < inside < 8
+    assert (reason[:inside] == PoseReason.REACHED).all()
+    assert reason[inside, 0] == PoseReason.OPEN  # it has been tried, and its loops do not close
+    assert (reason[inside + 1 :] == PoseReason.NO_NEIGHBOUR).all()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
-from framework.control.closed_loop import run_closed_loops
+from framework.control.closed_loop import _VariedRobots, run_closed_loops
 from framework.control.controllers import RobotState
 from framework.control.variations import apply_variation
 from framework.kinematics.frames import integrate
@@ -187,3 +188,20 @@ def test_a_platform_may_turn_by_more_than_half_a_turn(name):
     controller = tuned_controller(name, reference_of(plan, period=5e-3))
     run = run_closed_loop(controller, ControlLoop(), Spread(), [draw(plan.robot, Spread(), (0, 0))])
     assert run.passed[0], run.why[0]
+
+
+def test_wrenches_of_each_period_are_those_of_its_middle():
+    robot, times, asked = robots.load("five_bar"), np.linspace(0.0, 0.1, 6), []
+
+    class World:
+        acts = True
+
+        def __call__(self, robot, t, q, v, models):
+            asked.extend(t)
+
+    stepper = SimpleNamespace(models=lambda count: None, step=lambda q, v, torque, h, world: (q, v))
+    reference = SimpleNamespace(robot=robot, period=0.02, times=times, friction_speed=np.ones(2))
+    driven = SimpleNamespace(reference=reference, world=World(), friction=np.zeros(2), stepper=stepper)
+    for k in range(5):
+        _VariedRobots.step(driven, k, robot.reference.q[None], np.zeros((1, robot.nv)), np.zeros((1, 2)))
+    assert asked == pytest.approx([0.01, 0.03, 0.05, 0.07, 0.09])

@@ -1,6 +1,7 @@
 """Levels of fidelity: each is what it says, and judged by what its torques do in the highest model."""
 
 import re
+import time
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from types import SimpleNamespace
@@ -79,7 +80,9 @@ def test_without_bodies_the_motors_turn_their_rotors():
 
 
 def test_levels_cross_at_the_times_and_speeds_of_the_motion():
+    begun = time.perf_counter()
     study = fidelity_study(robots.load("biglide"), "bow", tolerance=0.01)
+    assert 0.0 < study.seconds <= time.perf_counter() - begun
     told = [(at.time, at.speed) for at in study.highest.crossings]
     for comparison in study.levels[1:]:
         law, times = comparison.motion.law, [at.time for at in comparison.motion.crossings]

@@ -3,6 +3,7 @@
 import importlib
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from framework.numerics.arrays import Array
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from tests.benchmarks.intervals import MOTIONS, exact_motion, measure_coverage, record, true_robot
-from tests.identification.recorded_motions import measured, motor_columns, planned_motors, sines
+from tests.identification.recorded_motions import exact_motors, measured, motor_columns, planned_motors, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
 RUNS = 40
@@ -424,6 +425,27 @@ def test_accelerations_are_not_known_at_the_ends_and_in_a_gap():
     assert 0.9 < known.mean() < 1.0
 
 
+def test_accelerations_beside_a_rest_are_left_out_as_splines_round_corners_there():
+    """Two strokes that meet at rest, where the jerk turns round: against differences of exact angles."""
+    robot = NOMINAL["five_bar"]
+    t = np.arange(101) / 100.0  # [s]
+    u, back = t % 0.5 / 0.5, t % 1.0 >= 0.5
+    s = u**3 * (10.0 + u * (6.0 * u - 15.0))  # at rest at both ends
+    ds, dds = 30.0 * (u * (1.0 - u)) ** 2 / 0.5, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / 0.25
+    line, sign = np.array([-0.04, -0.06]), np.where(back, -1.0, 1.0)
+    x = robot.reference.x + np.outer(np.where(back, 1.0 - s, s), line)
+    angles, torques = exact_motors(robot, x, np.outer(sign * ds, line), np.outer(sign * dds, line))
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(angles.shape)
+    data = Recording("strokes", motor_columns(robot), np.column_stack([t, angles + noise, torques]))
+    recorded = measured_motion(robot, data, cutoff=12.0)
+    found = robot.gear_ratio * recorded.motion.a[1:-1, robot.actuated]
+    error = np.abs(found - np.diff(angles, 2, axis=0) * 100.0**2).max(axis=1)  # (99,)
+    known = recorded.acceleration_known[1:-1]
+    assert not known[49]
+    assert error[known].max() < 0.5 * error[49]
+    assert known.mean() > 0.7
+
+
 def in_another_mode(robot: ParallelRobot, modes: list[Array] | None = None) -> ParallelRobot:
     """The robot with its reference in another mode, by default a working mode at the same platform pose."""
     if modes is None:
@@ -678,3 +700,10 @@ def test_smoothing_does_not_know_when_the_clock_was_started():
     now, later = (smooth(start + times, samples, cutoff=20.0) for start in (0.0, 64.0))
     np.testing.assert_allclose(later.values, now.values, rtol=0, atol=1e-8 * np.abs(now.values).max())
     np.testing.assert_array_equal(later.acceleration_known, now.acceleration_known)
+
+
+@pytest.mark.parametrize(("found", "kept"), [([1.0, 2.0], True), ([1.0, 2.5], False), ([0.5, 2.5], False)])
+def test_the_values_of_the_file_stay_only_if_none_has_changed(found, kept):
+    one = SimpleNamespace(link_values=np.array(found), links=SimpleNamespace(values=np.array([1.0, 2.0])))
+    with pytest.deprecated_call():
+        assert Identification.keeps_file.fget(one) is kept

@@ -105,6 +105,16 @@ def test_bends_to_either_side_are_found_to_nine_percent(least, side):
     assert max(np.abs(tried[:-1])) <= MAX_BEND_SHARE
 
 
+def test_a_bent_path_passes_the_points_that_the_bend_moves(monkeypatch):
+    monkeypatch.setattr("framework.planning.path_modification.plan_request", lambda _, request, **__: request)
+    robot, s = robots.load("five_bar"), np.linspace(0.0, 1.0, 9)
+    request = Request.of(robot, Line(PLACE + STEEP, PLACE - STEEP), duration=1.5)
+    unit = np.outer(np.sin(np.pi * s), [0.01, -0.02])
+    bent_request = _Modification(robot, request, s, unit, np.ones(2), 1.0).plan_bent(-0.5)
+    np.testing.assert_allclose(bent_request.path.points, request.path(s) - 0.5 * unit, atol=1e-15)
+    assert bent_request.duration == request.duration
+
+
 @pytest.mark.parametrize("c", [0.15, 0.4, 0.85])
 def test_a_bump_of_height_one_does_not_bend_at_the_crossing_nor_at_the_ends(c):
     s = np.linspace(0.0, 1.0, 20001)

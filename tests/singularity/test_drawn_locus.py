@@ -10,7 +10,7 @@ from framework import assemble, locate_singularities
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import passive_matrix
 from framework.planning.scenes import scene_path
-from framework.singularity import locus_on_map
+from framework.singularity import drawn_locus, locus_on_map
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
 MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper
@@ -62,6 +62,28 @@ def test_the_patch_is_singular_and_passes_the_crossing(name, scene):
     smallest = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)[:, -1]
     aside = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)[:, 0].max()
     assert smallest.max() < 1e-6 * aside
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.15, -0.15, 0.3])
+def test_a_patch_that_is_high_anywhere_is_not_drawn(monkeypatch, slope):
+    """Of a locus that rises along x from the platform: a fifth of the robot's length is too high."""
+    robot = robots.load("delta")
+    start, length, up = assemble(robot), robot.length, np.array([0.0, 0.0, 1.0])
+    shifts = length * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+
+    def closed(robot, targets, guess, farthest):
+        return SimpleNamespace(closed=np.ones(len(targets), dtype=bool), linearised=targets - start.x)
+
+    def measured(robot, moved):
+        return moved[:, 2] - slope * moved[:, 0], np.tile(up, (len(moved), 1))
+
+    monkeypatch.setattr(drawn_locus, "close_each", closed)
+    monkeypatch.setattr(drawn_locus, "_measure_in_space", measured)
+    patch = drawn_locus._move_onto_locus(robot, start.q, start.x, shifts, up)
+    if abs(slope) < 0.2:
+        np.testing.assert_allclose(patch, shifts + slope * shifts[:, :1] * up, atol=1e-12)
+    else:
+        assert patch is None
 
 
 def test_nothing_is_drawn_where_nothing_can_be():

@@ -9,6 +9,7 @@ from numpy.polynomial.chebyshev import poly2cheb
 
 import robots
 from framework import Line
+from framework.planning.optimal.law_problem import _rows_of_response
 from framework.planning.optimal.next_law import _model_cost
 from framework.planning.optimal.speed_program import Units
 from tests.planning.optimal.tasks import series_program, task_of
@@ -46,3 +47,18 @@ def test_the_model_of_a_step_is_right_to_second_order(goal, limits):
         errors.append(model(y) - model(y_0) - (quantity(y) / quantity(y_0) - 1.0))
     assert abs(errors[0]) < 0.02 * abs(quantity(y_0 + 0.4 * change) / quantity(y_0) - 1.0)
     assert errors[0] / errors[1] == pytest.approx(8.0, rel=0.2)  # of third order
+
+
+def test_rows_of_a_response_have_its_torques_with_friction_against_the_speed_of_each_motor():
+    rng, friction = np.random.default_rng(1), np.array([0.3, 0.0])
+    torque, slopes, y = rng.normal(size=(4, 2)), rng.normal(size=(4, 2, 3)), rng.normal(size=3)
+    speed = np.array([[1.0, -2.0], [-1.0, 2.0], [-3.0, -1.0], [2.0, 1.0]])
+    response = SimpleNamespace(y=y, evaluate_motors=lambda xi: (torque, slopes, speed))
+    specification = SimpleNamespace(friction=friction, drives=None, speed_limit=np.full(2, np.inf))
+    problem = SimpleNamespace(specification=specification, response=response, sigma=lambda xi: xi)
+    program = series_program(task_of(robots.load("five_bar"), LINE, duration=1.5), 2)
+    rows = _rows_of_response(problem, response, program.basis, np.linspace(-0.5, 0.5, 4)).torque
+    change = rng.normal(size=3)
+    for j, row in enumerate(rows):
+        expected = torque[:, j] + slopes[:, j] @ change + friction[j] * np.sign(speed[:, j])
+        np.testing.assert_allclose(row(y + change), expected, atol=1e-14)
