@@ -56,6 +56,7 @@ class BalanceSolution(NamedTuple):
 
     @property
     def deflections(self) -> KnownDeflections:
+        """The deflections [rad, m] of the last state."""
         state = self.state
         return KnownDeflections(state.clock, state.splines, state.series * self.equations.units)
 
@@ -132,7 +133,7 @@ def refine_balance(solution: BalanceSolution, misfit: float = LEAST_MISFIT) -> B
     cell by thousands. A misfit that falls by less than MIN_GAIN is not due to the cells.
 
     Args:
-        solution: whose misfit is as small as its cells allow.
+        solution: deflections nearly in balance on their cells, of which the first are halved at once.
         misfit: |F| over the largest load at which the solution is accepted.
     """
     settled = misfit / MIN_GAIN

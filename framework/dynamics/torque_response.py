@@ -31,6 +31,7 @@ from framework.dynamics.loaded_balance import (
     motion_and_load,
     spring_units,
 )
+from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.restoration import BalanceSolution
 from framework.kinematics.motion_rates import coordinate_changes, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -95,16 +96,21 @@ def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
     return TorqueResponse(y, scalar_slopes, series_by_y, rest, state.splines, motor_series)
 
 
-def peaks_at_nodes(solution: BalanceSolution) -> Array:
-    """Compute the largest torques (n_a,) [N m] of a motion in balance at its nodes, motor side."""
+def peaks_at_nodes(solution: BalanceSolution, friction: Array) -> Array:
+    """Compute the largest torques (n_a,) [N m, N] of a motion in balance at its nodes, motor side.
+
+    Args:
+        friction: (n_a,) [N m, N] dry friction of the motors.
+    """
     robot = solution.equations.branch.robot
     balance = solution.state.balance
     motion = motion_at(robot, balance.motion.linearised, *balance.prescribed.rates)
     load = tree_forces(robot, balance.motion)  # (T, nv)
     load[:, robot.elastic] += balance.stiffer * robot.stiffness * balance.prescribed.l
     acceleration = motion.a[:, robot.actuated]
-    torque = _balance_motors(robot, balance, load[..., None], acceleration[..., None])
-    return np.asarray(np.abs(torque).max(axis=(0, 2)))
+    torque = _balance_motors(robot, balance, load[..., None], acceleration[..., None])[..., 0]  # (T, n_a)
+    speed = robot.gear_ratio * motion.v[:, robot.actuated]
+    return np.asarray(np.abs(torque + friction * speed_signs(speed)).max(axis=0))
 
 
 def foresee_deflections(solution: BalanceSolution, response: TorqueResponse, y: Array) -> KnownDeflections:

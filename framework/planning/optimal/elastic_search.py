@@ -6,8 +6,8 @@ An elastic robot cannot follow every law. A law is replaced by the nearest serie
 The first law is a smooth one of the undeformed robot. Several are tried in turn, each smoother than the last
 one, until deflections are resolved and springs are at rest at both ends. About a motion in balance, torques
 and the motion of springs at the ends are linear in the law to first order (`torque_response`). Quadratic
-programs with these rows give the next law (`next_law`), as long as the motion gains by it. A motion that is
-allowed by its response is certified.
+programs with these rows give the next law (`next_law`), as long as the motion gains by it. The first motion
+that is allowed by its response is certified, and the best one.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ from framework.planning.optimal.least_softening import find_least_softening
 from framework.planning.optimal.next_law import evaluate_in_balance, find_next_law
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import SampledDemand, sample_demand
+from framework.planning.optimal.smooth_search import SAME_DURATION
 from framework.planning.optimal.undeformed_law import (
     adapt_found_law,
     problem_of,
@@ -213,6 +214,7 @@ class ElasticSearch:
         failure: NoAnswer | None = None  # the first one
         least_excess = np.inf
         least_cost = np.inf
+        longest = self.task.specification.longest or np.inf  # [s]
         former_start: Start | None = None
         former_law: Best | None = None
         is_deformed = self.task.follows_balance
@@ -234,7 +236,7 @@ class ElasticSearch:
                 if differs_in_share and abs(law.cost / former_law.cost - 1.0) < PEAK_TORQUE_MISMATCH:
                     continue
             former_start, former_law = start, law
-            is_found = False
+            is_found = is_yielded = False
             try:
                 for iterate in self._improve(law) if is_deformed else self._keep_limits(start, law):
                     least_excess = min(least_excess, iterate.excess)
@@ -242,9 +244,12 @@ class ElasticSearch:
                         continue
                     is_found = True
                     cost = iterate.motion.cost(self.task.specification.goal)
+                    duration = iterate.motion.dynamics.duration
                     if cost < least_cost:
                         least_cost = cost
-                        yield iterate.motion
+                        is_yielded = duration <= longest * (1.0 + SAME_DURATION)
+                        if is_yielded:
+                            yield iterate.motion
             except FAILURES as reason:
                 if isinstance(reason, SpringsTooSoft):
                     raise
@@ -252,6 +257,14 @@ class ElasticSearch:
                     self._check_ends()
                     self._check_softening(law)
                 failure = failure or reason
+            if is_found and not is_yielded:  # the quickest motion; other goals keep to this duration
+                most, quickest = format_distinct(longest, duration)
+                raise NotConverged(
+                    f"no law was found that takes at most {most} s: the quickest found with springs takes "
+                    f"{quickest} s",
+                    name=self.task.robot.name,
+                    residual=duration / longest - 1.0,
+                )
             if is_found:
                 return
         if failure is not None and not 1.0 < least_excess < np.inf:  # no motion exceeded limits
@@ -329,22 +342,27 @@ class ElasticSearch:
         correct it. If they do not, the search ends if any motion is allowed. Else, and after a step without a
         motion, the next law is sought nearer to the best iterate.
 
-        Certified are the first motion after a step that is allowed by its response, and the best one of all.
-        If a certificate does not allow the motion, limits are lowered and the search goes on.
+        Certified are the first law if no better one is expected, the first motion after a step that is
+        allowed by its response, and the best one of all. Where a certificate does not allow the motion, the
+        search goes on with lower limits, up to MAX_STEPS.
         """
         goal = self.task.specification.goal
         new: Iterate | None
         new = start = self._balance_law(first, None)
         assert start.balance is not None
-        peak = (peaks_at_nodes(start.balance) / first.reference).max()
+        friction = self.task.specification.friction
+        peak = (peaks_at_nodes(start.balance, friction) / first.reference).max()
         # whether no better motion is expected: deflections change nothing, or the last step gained too little
         is_last = abs(peak / first.peak - 1.0) < PEAK_TORQUE_MISMATCH and _is_near_least(first)
-        if is_last:
-            new = self._certify_balance(start)
-            yield new
-            if new.worst <= 1.0:
-                return
-        new = about = best = self._linearise_motion(start)
+        certified = self._certify_balance(start) if is_last else None
+        if certified is not None and certified.worst <= 1.0:
+            yield certified
+            return
+        new = self._linearise_motion(start)
+        if certified is not None:
+            is_last = False
+            new = new._replace(excess=certified.excess, rest=certified.rest, motion=certified.motion)
+        about = best = new
         least_cost = np.inf  # of certified motions that are allowed
         trust = FIRST_TRUST
         share = 1.0 - 2.0 * LIMIT_MARGIN  # of the limits; the rest is left for torques that are not linear
@@ -365,7 +383,7 @@ class ElasticSearch:
             elif new is not None and (new.merit < about.merit or detours < MAX_DETOURS):
                 detours += new.merit >= about.merit
                 about = new
-            elif new is not None and best.worst <= 1.0:
+            elif new is not None and (least_cost < np.inf or best.worst <= 1.0):
                 is_last = True
             else:
                 about = best
@@ -381,7 +399,9 @@ class ElasticSearch:
             new = None
             try:
                 if is_last and must_certify:
-                    new = best = self._certify_balance(best)
+                    loose, best = best, best._replace(excess=np.inf)  # not allowed without a certificate
+                    new = best = self._certify_balance(loose)
+                    is_last = new.worst <= 1.0  # else the search goes on with less of the limits
                     continue
                 is_correction = self.springs_vibrate and about.worst > 1.0
                 found = find_next_law(about.best, CORRECTION_TRUST if is_correction else trust, share)
@@ -389,7 +409,9 @@ class ElasticSearch:
                     found = find_next_law(best.best, trust, share)
                 next_law = require_law(about.best.program.problem, found)
                 worthwhile = 1.0 - WORTHWHILE_GAIN
-                if next_law.cost < worthwhile * (best.best.cost if best.worst <= 1.0 else np.inf):
+                if next_law.cost < worthwhile * min(
+                    least_cost, best.best.cost if best.worst <= 1.0 else np.inf
+                ):
                     new = self._linearise_motion(self._balance_law(next_law, about))
                     is_last |= about.worst <= 1.0 and new.best.cost > worthwhile * about.best.cost
                     if least_cost == np.inf and new.worst <= 1.0:
@@ -397,11 +419,12 @@ class ElasticSearch:
                 elif about is best:
                     is_last = True
             except FAILURES:
-                if least_cost == np.inf and TRUST_LOSS * trust < LEAST_TRUST:
+                if least_cost == np.inf and not must_certify and TRUST_LOSS * trust < LEAST_TRUST:
                     raise
         if must_certify:
-            yield self._certify_balance(best)
-        elif least_cost == np.inf and best.rest > 1.0:
+            best = self._certify_balance(best)
+            yield best
+        if least_cost == np.inf and best.rest > 1.0:
             raise self._refuse_rest(best.rest)
 
     def _linearise_motion(self, iterate: Iterate) -> Iterate:

@@ -479,6 +479,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
         return xi[is_maximum & (ratio > nearly_reached)]
     # torques of elastic robots peak more sharply, 1e-3 above all places: rows at the vertices of parabolas
     # through three places or points
+    largest = xi[[ratio.argmax()]]
     ends = np.unique([intervals, intervals + 1])
     xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
     order = xi.argsort()
@@ -489,6 +490,7 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     chosen = np.flatnonzero(is_maximum & (ratio[1:-1] > nearly_reached))
     before, after, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
     vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
-    taken = np.append(program.xi, problem.crossing_xi)
+    taken = np.concatenate([program.xi, problem.crossing_xi, program.further_xi])
     distance = np.abs(vertices[:, None] - taken).min(axis=1)
-    return vertices[distance > LEAST_DISTANCE * np.minimum(before, after)]
+    vertices = vertices[distance > LEAST_DISTANCE * np.minimum(before, after)]
+    return vertices if len(vertices) else largest
