@@ -9,6 +9,7 @@ from framework.identification.base_parameters import random_poses
 from framework.kinematics.continuation.tracking import follow_path, reach_of_links
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import count_lost_ranks, linearised_at
+from tests.dynamics import random_five_bars
 from tests.kinematics.continuation.small_steps import PLACES, draw_path, ends_at_singularity, is_followed
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
@@ -125,6 +126,15 @@ def test_a_rank_is_lost_by_the_share_of_the_largest_singular_value():
     assert values[0] > 1.1
     for level, count in ((0.999 * values[-1] / values[0], 0), (1.001 * values[-1] / values[0], 1)):
         assert count_lost_ranks(robot, at, level)[0] == count
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_links_of_the_shorter_leg_bound_the_reach(tmp_path, seed):
+    drawn = random_five_bars._drawn(np.random.default_rng(seed), inertia=False)
+    robot = drawn.robot(tmp_path)
+    assert reach_of_links(robot, np.zeros(robot.nv)) == pytest.approx(
+        drawn.base + (drawn.cranks + drawn.rods).min()
+    )
 
 
 @pytest.mark.parametrize("name", ["five_bar", "slider_crank", "delta", "orthoglide", "gough_stewart"])

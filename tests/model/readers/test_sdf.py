@@ -498,8 +498,8 @@ def framed(name: str, parent: str, child: str, frames: tuple[str, str], effort: 
     return f'<joint name="{name}" type="revolute">{ends}{places}<pose>9 9 9 0 0 0</pose>{axis}</joint>'
 
 
-@pytest.mark.parametrize("crank", [0.0, 0.7])
-def test_a_joint_of_drake_stands_in_a_frame_of_each_link(tmp_path, crank):
+@pytest.mark.parametrize(("crank", "effort"), [(0.0, ""), (0.7, "inf"), (0.7, "1.79769e+308")])
+def test_a_joint_of_drake_stands_in_a_frame_of_each_link(tmp_path, crank, effort):
     """A four-bar that is drawn apart: the rocker's angle by the law of cosines. The motor is not limited."""
     a, b, c, d = 0.1, 0.35, 0.2, 0.3  # [m] crank along x at zero, coupler along x, rocker along x, ground
     links = "".join(
@@ -518,7 +518,7 @@ def test_a_joint_of_drake_stands_in_a_frame_of_each_link(tmp_path, crank):
         for name, (link, x) in places.items()
     )
     joints = framed("left", "ground", "rocker", ("Gr", "rocker"))
-    joints += framed("motor", "ground", "crank", ("ground", "crank"), effort="")
+    joints += framed("motor", "ground", "crank", ("ground", "crank"), effort)
     joints += framed("pin", "crank", "coupler", ("Cc", "Bc"))
     joints += framed("tip", "coupler", "rocker", ("Br", "Rb"))
     weld = '<joint name="weld" type="fixed"><parent>world</parent><child>ground</child></joint>'

@@ -68,6 +68,46 @@ def test_springs_that_move_at_an_end_are_refused(rest):
             next(motions)
 
 
+def improving(monkeypatch, excesses):
+    """A search whose steps give motions of these excesses, nan for a failure; certificates find the same."""
+    specification = SimpleNamespace(goal="time", friction=np.zeros(1))
+    left = iter(excesses)
+    law = SimpleNamespace(peak=1.0, reference=np.ones(1), cost=1.0, program=SimpleNamespace(problem=None))
+
+    def step(*_):
+        excess = next(left, np.nan)
+        if np.isnan(excess):
+            raise NotConverged("no next law")
+        return Iterate(law, excess, 0.5, balance="balance")
+
+    def certify(iterate):
+        motion = SimpleNamespace(cost=lambda goal: iterate.best.cost)
+        return iterate._replace(motion=motion)
+
+    monkeypatch.setattr(elastic_search, "peaks_at_nodes", lambda *_: np.full(1, 2.0))
+    monkeypatch.setattr(elastic_search, "find_next_law", lambda *_: law)
+    monkeypatch.setattr(elastic_search, "require_law", lambda *_: law)
+    search = SimpleNamespace(
+        task=SimpleNamespace(specification=specification),
+        springs_vibrate=False,
+        _balance_law=lambda *_: Iterate(law, np.inf, np.inf, balance="balance"),
+        _linearise_motion=step,
+        _certify_balance=certify,
+    )
+    return ElasticSearch._improve(search, law)
+
+
+@pytest.mark.parametrize("excesses", [[0.9], [0.9, np.nan, 0.9], [1.1, 0.9]])
+def test_a_motion_that_is_allowed_is_certified_whatever_fails_after_it(monkeypatch, excesses):
+    certified = [iterate for iterate in improving(monkeypatch, excesses) if iterate.motion is not None]
+    assert [iterate.excess for iterate in certified] == [0.9]
+
+
+def test_a_search_in_which_all_steps_fail_ends_with_the_failure(monkeypatch):
+    with pytest.raises(NotConverged, match="no next law"):
+        list(improving(monkeypatch, [1.1]))
+
+
 @pytest.mark.parametrize("softening", [0.9, 1.1])
 def test_springs_that_give_way_are_refused_beyond_the_largest_softening(monkeypatch, softening):
     least = SimpleNamespace(rho=softening * MAX_SOFTENING, s=0.4)
