@@ -7,7 +7,7 @@ from numpy.polynomial.chebyshev import chebval, poly2cheb
 from scipy.integrate import quad
 
 import robots
-from framework import InvalidInput, Line, NoAnswer, locate_singularities, plan_crossing, plan_scene, simulate
+from framework import InvalidInput, Line, locate_singularities, plan_crossing, plan_scene, simulate
 from framework.laws.law import least_value
 from framework.laws.squared_speed import SpeedSpace
 from framework.planning.optimal.elastic_balance import _fit_series
@@ -242,19 +242,6 @@ def test_the_quickest_law_of_an_elastic_robot_is_nearly_that_of_the_rigid_one_wh
     # springs of the catalogue are stiff: their motion asks for two percent of time
     assert rigid.duration < plan.duration < 1.025 * rigid.duration
     assert 0.995 * limit < max(plan.peak_torque.values()) <= limit
-
-
-@pytest.mark.slow
-def test_no_law_of_an_elastic_robot_takes_longer_than_asked():
-    path = scene_path(robots.load("five_bar").description.scenes["C"])
-    elastic = robots.load("five_bar", flexibility="flexible_links")
-    rigid, soft = (
-        plan_crossing(robot, path, optimize="time", torque_limit=2.0)
-        for robot in (robots.load("five_bar"), elastic)
-    )
-    longest = 0.5 * (rigid.duration + soft.duration)  # enough for the rigid one alone
-    with pytest.raises(NoAnswer):
-        plan_crossing(elastic, path, optimize="time", torque_limit=2.0, longest=longest)
 
 
 # a path that meets the locus in its very middle, to the last digit

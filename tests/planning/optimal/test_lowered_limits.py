@@ -9,7 +9,7 @@ import robots
 from framework import Line, plan_crossing
 from framework.errors import NoLaw, NotConverged
 from framework.planning.optimal import elastic_search
-from framework.planning.optimal.elastic_search import ElasticSearch, Iterate
+from framework.planning.optimal.elastic_search import ElasticSearch, Iterate, Start
 from framework.tolerances import MAX_SOFTENING
 
 OPTIONS = {"geometry": "rigid", "optimize": "time", "torque_limit": 0.4}
@@ -106,6 +106,30 @@ def test_a_motion_that_is_allowed_is_certified_whatever_fails_after_it(monkeypat
 def test_a_search_in_which_all_steps_fail_ends_with_the_failure(monkeypatch):
     with pytest.raises(NotConverged, match="no next law"):
         list(improving(monkeypatch, [1.1]))
+
+
+@pytest.mark.parametrize("durations", [[1.2, 1.0], [1.2, 1.1]])
+def test_a_quickest_motion_that_takes_longer_than_asked_is_none(durations):
+    def motion(duration):
+        return SimpleNamespace(cost=lambda goal: duration, dynamics=SimpleNamespace(duration=duration))
+
+    search = SimpleNamespace(
+        task=SimpleNamespace(
+            specification=SimpleNamespace(goal="time", longest=1.0),
+            robot=SimpleNamespace(name="slow"),
+            follows_balance=True,
+        ),
+        starts=(Start(2e-2),),
+        _find_first_law=lambda *_: SimpleNamespace(cost=1.0),
+        _improve=lambda law: (Iterate(law, 0.9, 0.9, motion(duration)) for duration in durations),
+    )
+    motions = ElasticSearch.find_motions(search)
+    if durations[-1] <= 1.0:
+        assert [each.dynamics.duration for each in motions] == [1.0]
+    else:
+        with pytest.raises(NotConverged, match="takes at most 1 s: the quickest .* takes 1.1 s") as refusal:
+            next(motions)
+        assert refusal.value.residual == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("softening", [0.9, 1.1])
