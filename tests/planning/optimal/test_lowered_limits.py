@@ -127,7 +127,7 @@ def test_a_quickest_motion_that_takes_longer_than_asked_is_none(durations):
     if durations[-1] <= 1.0:
         assert [each.dynamics.duration for each in motions] == [1.0]
     else:
-        with pytest.raises(NotConverged, match="takes at most 1 s: the quickest .* takes 1.1 s") as refusal:
+        with pytest.raises(NotConverged, match=r"takes at most 1 s: the quickest .* takes 1\.1 s") as refusal:
             next(motions)
         assert refusal.value.residual == pytest.approx(0.1)
 
