@@ -347,8 +347,7 @@ class ElasticSearch:
         search goes on with lower limits, up to MAX_STEPS.
         """
         goal = self.task.specification.goal
-        new: Iterate | None
-        new = start = self._balance_law(first, None)
+        start = self._balance_law(first, None)
         assert start.balance is not None
         friction = self.task.specification.friction
         peak = (peaks_at_nodes(start.balance, friction) / first.reference).max()
@@ -358,11 +357,13 @@ class ElasticSearch:
         if certified is not None and certified.worst <= 1.0:
             yield certified
             return
-        new = self._linearise_motion(start)
+        about = best = self._linearise_motion(start)
         if certified is not None:
             is_last = False
-            new = new._replace(excess=certified.excess, rest=certified.rest, motion=certified.motion)
-        about = best = new
+            about = best = best._replace(
+                excess=certified.excess, rest=certified.rest, motion=certified.motion
+            )
+        new: Iterate | None = best
         least_cost = np.inf  # of certified motions that are allowed
         trust = FIRST_TRUST
         share = 1.0 - 2.0 * LIMIT_MARGIN  # of the limits; the rest is left for torques that are not linear
