@@ -47,7 +47,7 @@ MEANT = [  # a wrong command line, what was meant
     ("simulate five_bar --scene C --method explicite", "did you mean 'explicit'?"),
     ("plan five_bar --scene C --wrench-on left_tp 0 0 0 0 0 0", "did you mean 'left_tip'?"),
     ("simulate five_bar --scene C --controller lqr", "an option of crossing robustness"),
-    (f"plan five_bar {LINE}", "required with --from and --to, in seconds\n"),  # without one that is not tried
+    (f"plan five_bar {LINE}", "needed in seconds, unless"),  # without one that is not tried
     ("check my_robt.yaml", "did you mean 'my_robot.yaml'?"),
     ("calibrate five_bar none.csv --noise motor_angel=1", "did you mean 'motor_angle'?"),
 ]

@@ -511,7 +511,7 @@ MISUSE = [
     ("locate five_bar --from 0.1 nan --to 0 0.2", ["--from", "finite", "nan"]),
     ("locate five_bar --from 0.1 y --to 0 0.2", ["--from", "'y'"]),
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.345", ["0.345", "same"]),
-    ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "required"]),
+    ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "--longest"]),
     ("plan five_bar --scene C --duration 0", ["duration", "positive", "0"]),
     ("plan five_bar --scene C --duration long", ["--duration", "'long'"]),
     ("plan five_bar --scene C --times 0", ["times", "t = 0 s", "(0, 1.5)"]),

@@ -181,9 +181,23 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
     typed = motion_options(options, robot)
     along = path(options, robot)
     if options.scene is not None:
-        return scene_request(robot, options.scene, **typed)
+        planned = scene_request(robot, options.scene, **typed)
+        stated = scene(robot, options.scene)
+        dropped = {
+            name: " ".join(f"{value:g}" for value in getattr(stated, name))
+            for name in ("times", "speeds")
+            if getattr(stated, name) and getattr(planned, name) is None and name not in typed
+        }
+        if dropped and typed.keys().isdisjoint(("law", "optimize", "longest", "margin")):  # limits alone
+            options.warnings.append(
+                f"{' and '.join(dropped)} at crossings belong to the scene's own law, and are left out here; "
+                f"{' '.join(f'--{name} {values}' for name, values in dropped.items())} would ask for them"
+            )
+        return planned
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
-        raise InvalidInput("--duration: required with --from and --to, in seconds")
+        raise InvalidInput(
+            "--duration: needed in seconds, unless --optimize time finds the least, or --longest bounds it"
+        )
     return Request.of(robot, along, **typed)
 
 

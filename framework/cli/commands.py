@@ -40,8 +40,9 @@ COMMANDS = {
         "robots",
     ),
     "convert": Command(
-        "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
-        "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
+        "write our robot file from another dialect: SDF, Gepetto's robot.yaml beside robot.urdf, "
+        "URDF+ <loop>, ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, "
+        "such as a leg",
         (
             "crossing convert five_bar --out my",
             "crossing convert my/five_bar.urdf --close left_tip right_tip revolute --out 5r",

@@ -47,6 +47,9 @@ Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 # agile_eye, three_rrr and delta, 150 to 420 cells: 0.04 to 0.14 of the least share; vibrations 0.014 to 1e-8
 # where cells represent them, and up to 5e-5 in all where these are too few
 VIBRATION_SHARE, LARGEST_VIBRATION = 0.03, 1e-5
+# the same of settled balances, below the least loose misfit: what vibrations change would be left of F. With
+# 1e-5 motions of three_rpr kept tails of 2e-7 and were not certified
+SETTLED_VIBRATION, LEAST_LOOSE_MISFIT = 1e-6, 1e-10
 
 
 class BalanceState(NamedTuple):
@@ -242,11 +245,16 @@ class BalanceEquations:
         deflections = [splines.combine(basis, series) * self.units for basis in bases]
         return DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections), bases
 
-    def linearise(self, state: BalanceState) -> LinearBalance:
-        """Return the linear equations for steps from this state and from neighbouring states."""
+    def linearise(self, state: BalanceState, misfit: float = np.inf) -> LinearBalance:
+        """Return the linear equations for steps from this state and from neighbouring states.
+
+        Args:
+            misfit: |F| over the largest load that steps aim at.
+        """
         by_series, by_scalars, by_values = self.slopes(state)
         stiffness = column_sizes(by_values) / column_sizes(by_series)  # (C,) shares
-        vibration = min(VIBRATION_SHARE * stiffness.min(), LARGEST_VIBRATION)
+        largest = LARGEST_VIBRATION if misfit > LEAST_LOOSE_MISFIT else SETTLED_VIBRATION
+        vibration = min(VIBRATION_SHARE * stiffness.min(), largest)
         return LinearBalance.factorise(by_series, by_scalars, self._rest_matrix(state), vibration)
 
     def slopes(self, state: BalanceState) -> tuple[Any, Array, Any]:

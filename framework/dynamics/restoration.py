@@ -237,7 +237,7 @@ def _gauss_newton(
         if step_count > 0 and state.misfit <= settled:
             return state, True
         are_fresh = linear is None  # whether the slopes are those at this iterate
-        linear = linear or equations.linearise(state)
+        linear = linear or equations.linearise(state, settled)
         step = linear.step(state)
         # the cells limit the misfit if not even the linear equations can reduce it much
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit

@@ -35,13 +35,13 @@ DEGREES_PER_PANEL = 12  # of a law; below twice as many a single panel is enough
 NO_HIGH = read_only(np.empty(0))  # coefficients of a law of least degree above that degree
 
 
-def check_duration(duration: float) -> None:
-    """Raise InvalidInput unless a duration is a number in [1 / LARGEST_NUMBER, LARGEST_NUMBER] s."""
+def check_duration(duration: float, name: str = "duration") -> None:
+    """Raise InvalidInput unless a duration called `name` is in [1 / LARGEST_NUMBER, LARGEST_NUMBER] s."""
     shortest = 1.0 / LARGEST_NUMBER
     if (type(duration) is not float and not is_number(duration)) or not duration > 0:
-        raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
+        raise InvalidInput(f"{name}: must be a positive number of seconds, got {duration!r}")
     if not shortest <= duration <= LARGEST_NUMBER:
-        raise InvalidInput(f"duration: must lie in [{shortest:g}, {LARGEST_NUMBER:g}] s, got {duration!r}")
+        raise InvalidInput(f"{name}: must lie in [{shortest:g}, {LARGEST_NUMBER:g}] s, got {duration!r}")
 
 
 def is_number(value: object) -> bool:

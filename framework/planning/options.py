@@ -66,7 +66,7 @@ class Option(NamedTuple):
 
 def _seconds(name: str, value: Any) -> float:
     """Return a positive number of seconds as a float."""
-    check_duration(value)
+    check_duration(value, name)
     return float(value)
 
 

@@ -48,6 +48,7 @@ from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
+BEHIND_TEXT: Style = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
 LOADED: Style = {
     "marker": "D",
     "linestyle": "none",
@@ -235,8 +236,7 @@ def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence
     least = np.nanmin(curves.highest_speed, initial=np.inf)  # NaN: not even at rest
     if tops[0] < least < np.inf:  # the limit is above the axes: say where
         text = f"$s′$ may be {least:.3g} 1/s everywhere"
-        box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
-        corner: Style = {"transform": upper.transAxes, "ha": "right", "va": "top", "bbox": box}
+        corner: Style = {"transform": upper.transAxes, "ha": "right", "va": "top", "bbox": BEHIND_TEXT}
         upper.text(0.98, 0.95, text, fontsize=7, **corner)
 
 
@@ -251,8 +251,9 @@ def plot_raw_torques(
         ax.set_ylim(-top, top)
     for pole in poles:
         draw_dashed(ax, pole, ALARM, linewidth=0.8)
-        ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
-    ax.set_title("raw sampling, proves nothing", loc="left")
+        place: Style = {"transform": ax.get_xaxis_transform(), "va": "top", "bbox": BEHIND_TEXT}
+        ax.text(pole, 0.97, " no bound", color=ALARM, fontsize=7, **place)
+    ax.figure.suptitle("raw sampling, proves nothing", fontsize=8, x=0.02, ha="left")
     return ax
 
 
@@ -302,7 +303,7 @@ def _draw_motors(
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
-    legend_above(ax, columns=3)
+    legend_above(ax, columns=3, columnspacing=1.2)
 
 
 def _sample_times(plan: CrossingPlan) -> Array:
