@@ -513,6 +513,8 @@ MISUSE = [
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.345", ["0.345", "same"]),
     ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "--longest"]),
     ("plan five_bar --scene C --duration 0", ["duration", "positive", "0"]),
+    ("plan five_bar --scene C --longest -1", ["longest", "positive", "-1"]),
+    ("plan five_bar --scene C --time-limit 0", ["time_limit", "positive", "0"]),
     ("plan five_bar --scene C --duration long", ["--duration", "'long'"]),
     ("plan five_bar --scene C --times 0", ["times", "t = 0 s", "(0, 1.5)"]),
     ("plan five_bar --scene C --times 0.9 1.1", ["times", "got 2 (0.9, 1.1)", "1 singular point", "0.667"]),
@@ -705,6 +707,22 @@ def test_a_flexibility_without_springs_is_told_and_not_claimed(
 
 def test_a_flexibility_with_springs_is_no_cause_for_a_warning(document):
     assert "warnings" not in document("check", "five_bar", "--flexibility", "flexible_links")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--torque-limit", 0.165],
+        ["--torque-limit", 0.165, "--times", 1, "--speeds", 1.5],
+        ["--law", "optimal"],
+    ],
+)
+def test_times_of_a_scene_that_limits_alone_leave_out_are_told(document, options):
+    found = document("plan", "five_bar", "--scene", "C", *options)
+    told = [warning for warning in found.get("warnings", []) if "--times 1 --speeds 1.5" in warning]
+    assert len(told) == (options == ["--torque-limit", 0.165])
+    if "--times" in options:
+        assert found["crossings"][0]["time"] == pytest.approx(1.0)
 
 
 def test_what_is_about_an_earlier_plan_goes_with_it(tmp_path, capsys, monkeypatch):

@@ -253,7 +253,7 @@ def plot_raw_torques(
         draw_dashed(ax, pole, ALARM, linewidth=0.8)
         place: Style = {"transform": ax.get_xaxis_transform(), "va": "top", "bbox": BEHIND_TEXT}
         ax.text(pole, 0.97, " no bound", color=ALARM, fontsize=7, **place)
-    ax.figure.suptitle("raw sampling, proves nothing", fontsize=8, x=0.02, ha="left")
+    ax.set_xlabel("time  [s]   (raw sampling, proves nothing)")
     return ax
 
 

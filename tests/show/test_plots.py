@@ -208,7 +208,7 @@ def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
         np.testing.assert_array_equal(curve.get_data(), [raw.time, torque])
     assert verticals(ax) == [0.7, 1.0]
     assert "[N m]" in ax.get_ylabel()
-    assert "proves nothing" in ax.get_title(loc="left")
+    assert "proves nothing" in ax.get_xlabel()
 
 
 @pytest.mark.parametrize("draw", [plots.plot_torques, plots.plot_singularity, plots.plot_wrench])
