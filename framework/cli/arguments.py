@@ -190,8 +190,8 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
         }
         if dropped and typed.keys().isdisjoint(("law", "optimize", "longest", "margin")):  # limits alone
             options.warnings.append(
-                f"{' and '.join(dropped)} at crossings belong to the scene's own law, and are left out here; "
-                f"{' '.join(f'--{name} {values}' for name, values in dropped.items())} would ask for them"
+                f"{' and '.join(dropped)} at crossings belong to the scene's own law, and are left out here "
+                f"({' '.join(f'--{name} {values}' for name, values in dropped.items())})"
             )
         return planned
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):

@@ -172,7 +172,7 @@ def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None
 
 
 def _describe_axes(diagnosis: Diagnosis) -> str:
-    """Return in words whether A is square, else what of platform and motors does not fit."""
+    """Describe whether A is square, or which platform axes and motors do not fit."""
     if diagnosis.square:
         return "square"
     axes, motors = diagnosis.platform_axes, diagnosis.actuators

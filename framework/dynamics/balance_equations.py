@@ -47,9 +47,9 @@ Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 # agile_eye, three_rrr and delta, 150 to 420 cells: 0.04 to 0.14 of the least share; vibrations 0.014 to 1e-8
 # where cells represent them, and up to 5e-5 in all where these are too few
 VIBRATION_SHARE, LARGEST_VIBRATION = 0.03, 1e-5
-# the same of settled balances, below the least loose misfit: what vibrations change would be left of F. With
-# 1e-5 motions of three_rpr kept tails of 2e-7 and were not certified
-SETTLED_VIBRATION, LEAST_LOOSE_MISFIT = 1e-6, 1e-10
+# accepted misfit above which a balance is loose. In settled balances vibrations change it by WEAK_COLUMN at
+# most, for what they change is left of F: with 1e-5 motions of three_rpr kept tails of 2e-7
+LEAST_LOOSE_MISFIT = 1e-10
 
 
 class BalanceState(NamedTuple):
@@ -253,7 +253,7 @@ class BalanceEquations:
         """
         by_series, by_scalars, by_values = self.slopes(state)
         stiffness = column_sizes(by_values) / column_sizes(by_series)  # (C,) shares
-        largest = LARGEST_VIBRATION if misfit > LEAST_LOOSE_MISFIT else SETTLED_VIBRATION
+        largest = LARGEST_VIBRATION if misfit > LEAST_LOOSE_MISFIT else WEAK_COLUMN
         vibration = min(VIBRATION_SHARE * stiffness.min(), largest)
         return LinearBalance.factorise(by_series, by_scalars, self._rest_matrix(state), vibration)
 
@@ -274,13 +274,14 @@ class BalanceEquations:
         splines = state.splines.nodes.columns
         unknowns = (splines[:, :, None] * n_e + np.arange(n_e)).reshape(len(splines), -1)
 
-        def by_series(orders: int) -> Any:
+        def assemble_matrix(orders: int) -> Any:
             """Return the matrix of the first orders of derivatives."""
             bases = state.bases[:orders].transpose(1, 2, 0)  # (T, SPLINE_DEGREE + 1, orders)
             values = (bases[:, None] @ by_order[:, :, :orders]).reshape(-1, n_e, (SPLINE_DEGREE + 1) * n_e)
             return banded_rows(values, unknowns, state.series.size)
 
-        return by_series(self.orders), self._slopes_by_scalars(state, to_F), by_series(1)
+        by_series, by_values = assemble_matrix(self.orders), assemble_matrix(1)
+        return by_series, self._slopes_by_scalars(state, to_F), by_values
 
     def _slopes_by_scalars(self, state: BalanceState, to_F: Array) -> Array:
         """Compute the derivatives (T n_e, k) of F by the scalars of the law, as central differences.

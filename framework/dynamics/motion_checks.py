@@ -234,7 +234,7 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> Mo
 
 
 def forces_are_at_rest(result: InverseDynamics) -> bool:
-    """Return whether forces are those with springs at rest, though deflections are known."""
+    """Return whether forces count springs at rest, as with rigid geometry, though deflections are known."""
     return bool(result.robot.n_e) and result.geometry == "rigid"
 
 

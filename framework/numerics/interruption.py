@@ -37,7 +37,7 @@ def _signal_of(stop: KeyboardInterrupt) -> signal.Signals:
 
 @dataclass
 class Heard:
-    """A handler of signals that raises an interruption for the first one, and a record of it.
+    """Handler of signals that raises an interruption at the first one, and the record of that.
 
     Further signals are ignored. Other code may catch the exception and raise another one, or none, instead;
     the record shows that it was raised.

@@ -360,7 +360,7 @@ def _check_instant(plan: CrossingPlan, t: float) -> None:
 
 
 def _find_jump(plan: CrossingPlan, t: float, following: CrossingPlan) -> InvalidInput | None:
-    """Return the error of a next plan that begins with another motion than a plan has at t [s]; else None.
+    """Return the error if the following plan does not begin as a plan moves at t [s]; else None.
 
     Motor angles, torques, the platform with two derivatives and the deflections with one are compared, over
     the largest of the plan.

@@ -97,7 +97,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request, *, searched: bool =
 def _cross_deformed(
     to_cross: PathToCross, request: Request, law: Law, timing: tuple[CrossingTime, ...]
 ) -> tuple[InverseDynamics, tuple[CrossingTime, ...], Sequence[SingularPoint]]:
-    """Compute a motion through the deflected robot's singular points, its timing, and these points.
+    """Compute motion, times, speeds and singular points of a polynomial through the deflected robot's points.
 
     The points are none if the user imposes them. Deflections move the crossing points along the path, and may
     so make the law turn back. Its degree is then raised, with new speeds where they are open.
@@ -125,7 +125,7 @@ def _cross_deformed(
 def _resolve_deformed(
     to_cross: PathToCross, request: Request, undeformed: Law, timing: tuple[CrossingTime, ...]
 ) -> tuple[InverseDynamics, CrossingTracker]:
-    """Compute the motion of the polynomial through the crossings of the deflected robot, and these.
+    """Compute the motion of the polynomial on the deflected robot, with the tracker of the crossings.
 
     Each pass of the deflections solves for a law of its own, with the same times and speeds. If the passes do
     not converge, law and deflections are solved for together. The last law may turn back.

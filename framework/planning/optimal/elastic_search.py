@@ -429,7 +429,7 @@ class ElasticSearch:
             raise self._refuse_rest(best.rest)
 
     def _linearise_motion(self, iterate: Iterate) -> Iterate:
-        """Linearise the torques of a law in balance, and measure excess and rest by these."""
+        """Linearise torques about a law in balance; measure the excess of limits and the springs' rest."""
         best, balance = iterate.best, iterate.balance
         assert balance is not None
         response = respond_to_law(balance)

@@ -91,7 +91,7 @@ def _try_motion(task: Task, changes: dict[str, Any], *, is_trial: bool = True) -
 
 
 def _refuse_drives(task: Task, plain: OptimalMotion) -> NoLaw:
-    """Return the refusal of a task whose `plain` motion, without these, exceeds curves or RMS limits.
+    """Return the refusal of a task if the `plain` motion, planned without drives, exceeds their limits.
 
     Advised are the least duration found within all limits, or curves and RMS limits that hold the motion.
     """

@@ -473,13 +473,13 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
 
     # internal torques give way at other places, and their rows are many
     nearly_reached = NEARLY_REACHED if program.frames is None else 1.0
-    if problem.response is None:
+    if not problem.task.robot.n_e:
         padded = np.pad(ratio, 1, constant_values=-np.inf)
         is_maximum = (ratio >= padded[:-2]) & (ratio >= padded[2:])
         return xi[is_maximum & (ratio > nearly_reached)]
     # torques of elastic robots peak more sharply, 1e-3 above all places: rows at the vertices of parabolas
     # through three places or points
-    largest = xi[[ratio.argmax()]]
+    worst_place = xi[[ratio.argmax()]]
     ends = np.unique([intervals, intervals + 1])
     xi, ratio = np.append(xi, program.xi[ends]), np.append(ratio, ratio_at_points[ends])
     order = xi.argsort()
@@ -488,9 +488,10 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     rise, fall = change[:-1], -change[1:]  # to each place and from it, (R - 2,)
     is_maximum = (rise >= 0.0) & (fall >= 0.0) & (rise + fall > 0.0)
     chosen = np.flatnonzero(is_maximum & (ratio[1:-1] > nearly_reached))
-    before, after, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
-    vertices = xi[chosen + 1] + 0.5 * (after**2 * rise - before**2 * fall) / (after * rise + before * fall)
+    step_to, step_from, rise, fall = step[chosen], step[chosen + 1], rise[chosen], fall[chosen]
+    curvature = step_from * rise + step_to * fall
+    vertices = xi[chosen + 1] + 0.5 * (step_from**2 * rise - step_to**2 * fall) / curvature
     taken = np.concatenate([program.xi, problem.crossing_xi, program.further_xi])
     distance = np.abs(vertices[:, None] - taken).min(axis=1)
-    vertices = vertices[distance > LEAST_DISTANCE * np.minimum(before, after)]
-    return vertices if len(vertices) else largest
+    vertices = vertices[distance > LEAST_DISTANCE * np.minimum(step_to, step_from)]
+    return vertices if len(vertices) else worst_place
